@@ -1,0 +1,1 @@
+//! Measures and validates mesh-Laplacian solvers on real workloads.

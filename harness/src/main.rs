@@ -1,0 +1,2 @@
+//! The `lapbench` program.
+fn main() {}

@@ -1,0 +1,2 @@
+//! Factor a mesh Laplacian once, solve it in every frame.
+pub mod mesh;
