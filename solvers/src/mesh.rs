@@ -22,7 +22,9 @@ pub enum MeshError {
         vertex: usize,
     },
     /// A triangle names a vertex that does not exist.
-    #[error("triangle {triangle} names vertex {vertex}, but the mesh has {vertices} vertices (indices are 0-based)")]
+    #[error(
+        "triangle {triangle} names vertex {vertex}, but the mesh has {vertices} vertices (indices are 0-based)"
+    )]
     IndexOutOfRange {
         /// 0-based index of the first such triangle.
         triangle: usize,
