@@ -49,7 +49,9 @@ impl Graph {
         let n = row_starts.len().saturating_sub(1);
         Self::from_edges(n, || {
             (0..n).flat_map(|i| {
-                columns[row_starts[i] as usize..row_starts[i + 1] as usize].iter().map(move |&j| (i as u32, j))
+                columns[row_starts[i] as usize..row_starts[i + 1] as usize]
+                    .iter()
+                    .map(move |&j| (i as u32, j))
             })
         })
     }

@@ -6,9 +6,9 @@
 mod fill;
 mod graph;
 mod minimum_degree;
-mod tree;
 #[cfg(test)]
 mod tests;
+mod tree;
 
 pub use fill::{Fill, NONE, Pattern, inverse, postorder};
 pub use graph::Graph;

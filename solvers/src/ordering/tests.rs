@@ -44,7 +44,9 @@ fn assert_permutation(order: &[u32], n: usize) {
 
 /// The path 0 - 1 - ... - (n - 1) with all edges of length up to `band`.
 fn band(n: usize, band: usize) -> Graph {
-    Graph::from_edges(n, || (0..n).flat_map(move |i| (i + 1..n.min(i + band + 1)).map(move |j| (i as u32, j as u32))))
+    Graph::from_edges(n, || {
+        (0..n).flat_map(move |i| (i + 1..n.min(i + band + 1)).map(move |j| (i as u32, j as u32)))
+    })
 }
 
 /// A square grid of side * side vertices, each square cut by the same diagonal: the pattern of a mesh.
@@ -63,7 +65,8 @@ fn grid(side: usize) -> Graph {
 /// Graphs that break naive orderings.
 fn awkward() -> Vec<(&'static str, Graph)> {
     let star = |n: u32| Graph::from_edges(n as usize, || (1..n).map(|v| (0, v)));
-    let complete = |n: u32| Graph::from_edges(n as usize, || (0..n).flat_map(move |a| (0..a).map(move |b| (a, b))));
+    let complete =
+        |n: u32| Graph::from_edges(n as usize, || (0..n).flat_map(move |a| (0..a).map(move |b| (a, b))));
     vec![
         ("empty", Graph::from_edges(0, std::iter::empty)),
         ("one vertex", Graph::from_edges(1, std::iter::empty)),
@@ -71,12 +74,17 @@ fn awkward() -> Vec<(&'static str, Graph)> {
         ("star", star(3000)),
         ("complete", complete(300)),
         ("pentadiagonal", band(4000, 2)),
-        ("two grids", Graph::from_edges(5000, || {
-            (0..2).flat_map(|half| (0..2499_u32).flat_map(move |v| {
-                let base = half * 2500;
-                [(base + v, base + v + 1), (base + v, base + (v + 50).min(2499))]
-            }))
-        })),
+        (
+            "two grids",
+            Graph::from_edges(5000, || {
+                (0..2).flat_map(|half| {
+                    (0..2499_u32).flat_map(move |v| {
+                        let base = half * 2500;
+                        [(base + v, base + v + 1), (base + v, base + (v + 50).min(2499))]
+                    })
+                })
+            }),
+        ),
     ]
 }
 

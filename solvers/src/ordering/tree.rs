@@ -29,7 +29,6 @@ impl DissectionTree {
         Self { nodes: vec![TreeNode { first: 0, own: 0, end: n, children: None }] }
     }
 
-
     /// All nodes, children before parents.
     pub fn nodes(&self) -> &[TreeNode] {
         &self.nodes
