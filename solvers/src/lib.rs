@@ -1,3 +1,24 @@
 //! Factor a mesh Laplacian once, solve it in every frame.
+//!
+//! ```text
+//! mesh -> laplacian -> dirichlet -> system -> backend (prepare) -> factor (solve, frame after frame)
+//! ```
+//! Conventions, everywhere: L is the **positive** semi-definite cotangent stiffness matrix, L_ij = -(cot a + cot b) / 2;
+//! blocks of vectors are vertex-major ([`columns`]); symmetric matrices store their upper triangle by rows ([`sparse`]);
+//! indices are 0-based `u32`; numbers are f64 at every border. This crate does no I/O, reads no clock and prints nothing.
+
+pub mod backend;
+pub mod backends;
+pub mod columns;
+pub mod conformance;
+pub mod dirichlet;
+pub mod error;
+pub mod limits;
 pub mod mesh;
 pub mod ordering;
+pub mod poisson;
+pub mod registry;
+pub mod residual;
+pub mod sparse;
+pub mod system;
+pub mod workload;

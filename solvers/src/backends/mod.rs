@@ -1,0 +1,3 @@
+//! One file or folder per backend. [`crate::registry`] lists them.
+
+pub mod dense;

@@ -1,0 +1,118 @@
+//! The one list of built-in backends. Command line, tests and documents read it; there is no other.
+
+use crate::backend::Backend;
+use crate::backends;
+use crate::error::Unavailable;
+use crate::limits::DEFAULT_TOLERANCE;
+
+/// One backend: its static facts and how to open it.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// The name users type.
+    pub id: &'static str,
+    /// What kind of method it is.
+    pub family: Family,
+    /// What it computes in.
+    pub precision: Precision,
+    /// What its answers may be held to.
+    pub accuracy: Accuracy,
+    /// SPDX expression of the library that does the work.
+    pub licence: &'static str,
+    /// Whether a solve starts from the incoming x.
+    pub warm_start: bool,
+    /// The largest system it takes, in unknowns; beyond that it is a textbook method and the row says `unsupported`.
+    pub max_unknowns: Option<usize>,
+    /// Opens it, or says what is missing.
+    pub open: fn(&OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable>,
+}
+
+/// Kind of method.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Family {
+    /// Factors the matrix, on the CPU.
+    Direct,
+    /// Iterates, on the CPU.
+    Iterative,
+    /// Runs on a Vulkan device.
+    Gpu,
+}
+
+/// What a backend stores its factor in and computes in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Precision {
+    /// f64 throughout.
+    F64,
+    /// f32 store, f64 residuals and corrections.
+    Mixed,
+    /// f32 store, one pass: display precision.
+    F32,
+}
+
+/// What the answers may be held to ([`crate::limits`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Accuracy {
+    /// To the precision of its class.
+    Direct,
+    /// To the tolerance asked for.
+    Iterative,
+}
+
+/// How to open a backend.
+#[derive(Clone, Copy, Debug)]
+pub struct OpenOptions<'a> {
+    /// Threads a solve may use (>= 1).
+    pub threads: usize,
+    /// Relative residual at which an iterative backend stops.
+    pub tolerance: f64,
+    /// Vulkan device by index or part of its name; `None`: the first suitable one.
+    pub device: Option<&'a str>,
+}
+
+impl Default for OpenOptions<'_> {
+    fn default() -> Self {
+        Self { threads: 1, tolerance: DEFAULT_TOLERANCE, device: None }
+    }
+}
+
+/// The opener of a backend behind a cargo feature, or one that says which feature is missing.
+macro_rules! gated {
+    ($feature:literal, $open:path) => {{
+        #[cfg(feature = $feature)]
+        {
+            $open
+        }
+        #[cfg(not(feature = $feature))]
+        {
+            |_: &OpenOptions<'_>| Err(Unavailable::feature($feature))
+        }
+    }};
+}
+
+/// A direct f64 method on the CPU; rows below change what differs.
+const DIRECT: Entry = Entry {
+    id: "",
+    family: Family::Direct,
+    precision: Precision::F64,
+    accuracy: Accuracy::Direct,
+    licence: "MIT OR Apache-2.0",
+    warm_start: false,
+    max_unknowns: None,
+    open: |_| Err(Unavailable::feature("")),
+};
+
+/// An iterative f64 method on the CPU.
+const ITERATIVE: Entry =
+    Entry { family: Family::Iterative, accuracy: Accuracy::Iterative, warm_start: true, ..DIRECT };
+
+/// Every built-in backend, also those whose feature is off (their `open` says so).
+pub const BACKENDS: &[Entry] = &[Entry {
+    id: "dense",
+    max_unknowns: Some(backends::dense::MAX_UNKNOWNS),
+    open: backends::dense::open,
+    ..DIRECT
+}];
+
+/// The entry of that name.
+pub fn find(id: &str) -> Option<&'static Entry> {
+    BACKENDS.iter().find(|entry| entry.id == id)
+}
