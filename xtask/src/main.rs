@@ -1,2 +1,65 @@
 //! Project tasks: `cargo xtask setup`, `cargo xtask test`, `cargo xtask ci`.
-fn main() {}
+//!
+//! Everything that is installed lands in a cache folder outside the tree (see [`cache`]) or comes from the system's
+//! package manager (see [`system`]); the solvers and the harness themselves need none of it.
+
+mod cache;
+mod ci;
+mod peers;
+mod python;
+mod shell;
+mod system;
+mod tests;
+
+use clap::{Args, Parser, Subcommand};
+
+/// The command line of `cargo xtask`.
+#[derive(Parser)]
+#[command(name = "cargo xtask", about = "Sets up, tests and checks this project")]
+struct Cli {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    /// Install what the tests need: software Vulkan and the pinned Python references
+    Setup {
+        /// Also the solvers to compare with: CHOLMOD and Eigen (C++), MKL PARDISO, PyAMG, cholespy, potpourri3d
+        #[arg(long)]
+        peers: bool,
+    },
+    /// Set up, then run all tests and doc tests
+    Test(TestOptions),
+    /// Formatting, lints, documentation, the build without C++ tools, then all tests; warnings are errors
+    Ci(TestOptions),
+}
+
+/// What decides how the tests treat things that are not there.
+#[derive(Args)]
+struct TestOptions {
+    /// Fail where these are missing instead of skipping: `all`, or some of data,reference,vulkan,peers
+    #[arg(long, value_name = "WHAT", num_args = 0..=1, default_missing_value = "all")]
+    require: Option<String>,
+    /// Install nothing: run with what there is
+    #[arg(long)]
+    no_setup: bool,
+}
+
+fn main() -> anyhow::Result<()> {
+    match Cli::parse().task {
+        Task::Setup { peers } => setup(peers),
+        Task::Test(options) => tests::run(&options),
+        Task::Ci(options) => ci::run(&options),
+    }
+}
+
+fn setup(with_peers: bool) -> anyhow::Result<()> {
+    system::install(system::FOR_TESTS)?;
+    let python = python::install()?;
+    eprintln!("xtask: reference programs run with {}", python.display());
+    if with_peers {
+        peers::install(&python)?;
+    }
+    Ok(())
+}
