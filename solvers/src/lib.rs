@@ -21,4 +21,5 @@ pub mod registry;
 pub mod residual;
 pub mod sparse;
 pub mod system;
+pub mod topology;
 pub mod workload;

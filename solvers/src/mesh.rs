@@ -37,7 +37,7 @@ pub enum MeshError {
     #[error("the mesh has no triangles")]
     Empty,
     /// More vertices or triangles than 32-bit indices can name.
-    #[error("the mesh has {count} {what}; at most 2^31 are supported")]
+    #[error("the mesh has {count} {what}; at most 2^30 are supported")]
     TooLarge {
         /// "vertices" or "triangles".
         what: &'static str,
@@ -52,7 +52,7 @@ impl TriangleMesh {
     /// # Errors
     /// [`MeshError`] naming the first offending vertex or triangle. Cost: one pass over both arrays.
     pub fn new(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
-        const LIMIT: usize = 1 << 31; // so that 2 m and 2 n still fit the u32 indices used everywhere
+        const LIMIT: usize = 1 << 30; // so that 3 m half-edges and 2 n still fit the u32 indices used everywhere
         for (what, count) in [("vertices", positions.len()), ("triangles", triangles.len())] {
             if count > LIMIT {
                 return Err(MeshError::TooLarge { what, count });
@@ -81,6 +81,11 @@ impl TriangleMesh {
     /// Triangles, m x 3, 0-based vertex indices, counter-clockwise seen from outside.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
+    }
+
+    /// Whether triangle `t` has no area to speak of: 2 area <= 1e-8 (longest edge)^2, see [`is_zero_area`].
+    pub fn is_zero_area(&self, t: usize) -> bool {
+        is_zero_area(self.triangles[t].map(|v| self.positions[v as usize]))
     }
 
     /// The same connectivity with other positions.
@@ -112,4 +117,30 @@ impl TriangleMesh {
         }
         (low, high)
     }
+}
+
+/// Twice the area of a triangle relative to its longest edge squared at and below which it counts as having none. The
+/// cotangents of such a triangle exceed 1e8, which leaves fewer than eight of sixteen digits to its neighbours.
+pub const ZERO_AREA: f64 = 1e-8;
+
+/// Whether 2 area <= [`ZERO_AREA`] (longest edge)^2; also when all corners coincide. Free of overflow and underflow for
+/// all finite coordinates.
+pub fn is_zero_area([p, q, r]: [[f64; 3]; 3]) -> bool {
+    // Halved before they are subtracted, so that the difference of two large coordinates stays finite.
+    let edge = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|i| 0.5 * b[i] - 0.5 * a[i]);
+    let (mut u, mut v) = (edge(p, q), edge(p, r));
+    let size = u.iter().chain(&v).fold(0.0f64, |size, x| size.max(x.abs()));
+    // Outside of this range fourth powers of lengths leave the range of f64.
+    if !(1e-70..=1e70).contains(&size) {
+        if size == 0.0 {
+            return true;
+        }
+        u = u.map(|x| x / size);
+        v = v.map(|x| x / size);
+    }
+    let w = [0, 1, 2].map(|i| v[i] - u[i]);
+    let square = |a: [f64; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+    let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let longest = square(u).max(square(v)).max(square(w));
+    square(normal) <= (ZERO_AREA * longest).powi(2)
 }
