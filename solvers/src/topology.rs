@@ -143,7 +143,8 @@ impl Topology {
             }
             return;
         }
-        let mut thirds: Vec<_> = edge.iter().filter_map(|half| Some((third(half)?, half.triangle()))).collect();
+        let mut thirds: Vec<_> =
+            edge.iter().filter_map(|half| Some((third(half)?, half.triangle()))).collect();
         thirds.sort_unstable();
         for pair in thirds.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
             self.duplicates.add(pair[1].1);
@@ -154,7 +155,8 @@ impl Topology {
     fn count_fans(&mut self, mesh: &TriangleMesh, fans: &mut DisjointSets) {
         let mut at_vertex = vec![0u32; mesh.positions().len()];
         for (corner, &v) in (0..).zip(mesh.triangles().as_flattened()) {
-            let counts = has_three_vertices(mesh.triangles()[corner as usize / 3]) && fans.root(corner) == corner;
+            let counts =
+                has_three_vertices(mesh.triangles()[corner as usize / 3]) && fans.root(corner) == corner;
             at_vertex[v as usize] += u32::from(counts);
         }
         for (v, _) in (0..).zip(&at_vertex).filter(|&(_, &fans)| fans > 1) {
@@ -198,7 +200,14 @@ impl HalfEdge {
     /// The corner 3 t + i of its triangle at one of its two vertices.
     fn corner(self, vertex: u32, triangles: &[[u32; 3]]) -> u32 {
         let [a, b, _] = triangles[self.triangle() as usize];
-        3 * self.triangle() + if a == vertex { 0 } else if b == vertex { 1 } else { 2 }
+        3 * self.triangle()
+            + if a == vertex {
+                0
+            } else if b == vertex {
+                1
+            } else {
+                2
+            }
     }
 }
 
@@ -257,7 +266,8 @@ mod tests {
 
     /// A report of points on a paraboloid, so that no triangle of different vertices lacks area.
     fn report(vertices: u32, triangles: &[[u32; 3]]) -> Topology {
-        let positions = (0..vertices).map(|i| [f64::from(i), f64::from(i * i), f64::from(i * i * i)]).collect();
+        let positions =
+            (0..vertices).map(|i| [f64::from(i), f64::from(i * i), f64::from(i * i * i)]).collect();
         Topology::of(&TriangleMesh::new(positions, triangles.to_vec()).unwrap())
     }
 
@@ -300,7 +310,14 @@ mod tests {
 
     #[test]
     fn repeated_corners_and_flat_triangles_hold_nothing_together() {
-        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 1.0, 0.0]];
+        let positions = vec![
+            [0.0; 3],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [2.0, 0.0, 0.0],
+            [3.0, 0.0, 0.0],
+            [3.0, 1.0, 0.0],
+        ];
         let triangles = vec![[3, 3, 1], [0, 1, 2], [1, 3, 0], [4, 5, 1], [2, 2, 2]];
         let report = Topology::of(&TriangleMesh::new(positions, triangles).unwrap());
         assert_eq!((report.repeated_corners, report.zero_area), (found(2, 0), found(1, 2)));
