@@ -105,12 +105,34 @@ const ITERATIVE: Entry =
     Entry { family: Family::Iterative, accuracy: Accuracy::Iterative, warm_start: true, ..DIRECT };
 
 /// Every built-in backend, also those whose feature is off (their `open` says so).
-pub const BACKENDS: &[Entry] = &[Entry {
-    id: "dense",
-    max_unknowns: Some(backends::dense::MAX_UNKNOWNS),
-    open: backends::dense::open,
-    ..DIRECT
-}];
+pub const BACKENDS: &[Entry] = &[
+    Entry {
+        id: "dense",
+        max_unknowns: Some(backends::dense::MAX_UNKNOWNS),
+        open: backends::dense::open,
+        ..DIRECT
+    },
+    Entry { id: "faer-llt", licence: "MIT", open: gated!("faer", backends::faer::open_llt), ..DIRECT },
+    Entry { id: "faer-ldlt", licence: "MIT", open: gated!("faer", backends::faer::open_ldlt), ..DIRECT },
+    Entry {
+        id: "faer-simplicial",
+        licence: "MIT",
+        open: gated!("faer", backends::faer::open_simplicial),
+        ..DIRECT
+    },
+    Entry {
+        id: "nalgebra-cholesky",
+        licence: "Apache-2.0",
+        open: gated!("nalgebra", backends::nalgebra::open),
+        ..DIRECT
+    },
+    Entry {
+        id: "sprs-ldl",
+        licence: "LGPL-2.1",
+        open: gated!("sprs-ldl", backends::sprs_ldl::open),
+        ..DIRECT
+    },
+];
 
 /// The entry of that name.
 pub fn find(id: &str) -> Option<&'static Entry> {

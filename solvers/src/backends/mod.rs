@@ -1,3 +1,11 @@
 //! One file or folder per backend. [`crate::registry`] lists them.
 
 pub mod dense;
+#[cfg(feature = "faer")]
+pub mod faer;
+#[cfg(feature = "nalgebra")]
+pub mod nalgebra;
+#[cfg(any(feature = "nalgebra", feature = "sprs-ldl"))]
+mod permuted;
+#[cfg(feature = "sprs-ldl")]
+pub mod sprs_ldl;
