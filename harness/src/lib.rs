@@ -1,4 +1,17 @@
 //! Measures and validates mesh-Laplacian solvers on real workloads.
+//!
+//! ```text
+//! mesh -> system -> prepared handle (a process of its own) -> frames -> record -> report
+//! ```
+//! [`main_with`] is the whole program; give it backends of your own and they stand in every command beside the
+//! built-in ones, under the same checks.
+
+pub mod cmd;
+pub mod engine;
+pub mod exit;
 pub mod file;
 pub mod mesh_io;
 pub mod mesh_source;
+pub mod record;
+
+pub use cmd::main_with;

@@ -1,0 +1,3 @@
+//! Results as data: what a result file holds, how it is written, read and compared.
+
+pub mod names;
