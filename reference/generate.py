@@ -1,0 +1,131 @@
+"""Writes the golden values: small samples of what libigl computes, one JSON file per mesh, and their manifest.
+
+    generate.py [DATA_FOLDER]       (default: $LAPBENCH_DATA; without it only golden/meshes)
+
+Each golden/<mesh>.json holds the mesh's sha256, the versions of the tools, and
+  laplacian   whole rows i of L: [i, j, L_ij, limit]; |difference| <= limit * max(L_ii, L_jj) is expected
+  trace       sum of L_ii, and
+  quadratic   x' L x for x_i = sin(i + 1) over the vertices of the file: these two depend on every entry, and agree to
+              `limit` (relative), null where libigl's value says nothing
+  mass        [i, barycentric, Voronoi, limit], the limit being relative; total_area
+  harmonic    constraints [vertex, g_1 .. g_k], samples [vertex, u_1 .. u_k] of igl.harmonic
+in the numbering of the file. golden/manifest.json has the sha256 of every golden file.
+"""
+
+import hashlib
+import json
+import os
+import pathlib
+import sys
+
+import numpy as np
+
+import default_constraints
+import igl_reference
+import mesh_files
+
+GOLDEN = pathlib.Path(__file__).resolve().parent / "golden"
+# libigl works from edge lengths and loses about eps/angle^2 of a triangle's area. The exact values are nearer to those
+# of a formula from coordinates, so entries at thin triangles get the wide limit, and hopeless ones are not sampled.
+FAT_ANGLE, FAT_LIMIT = np.radians(1), 1e-12
+THIN_ANGLE, THIN_LIMIT = np.radians(1e-3), 1e-8
+ROWS = 16  # spread over the mesh; a few more lie where mistakes show
+SAMPLES = 20
+
+
+def sampled_vertices(mesh, angles):
+    """Spread over the numbering, and where mistakes show: thin triangles, obtuse corners."""
+    spread = np.linspace(0, len(mesh.positions) - 1, ROWS).astype(int)
+    thin = mesh.triangles[np.argsort(angles.min(axis=1))[: ROWS // 4], 0]
+    obtuse = np.argmax(angles.max(axis=1) * (angles.min(axis=1) > FAT_ANGLE))
+    return np.unique(np.concatenate([spread, thin, mesh.triangles[obtuse]]))
+
+
+def vertex_limits(mesh, angles):
+    """Per vertex: the limit that its thinnest triangle allows, nan where libigl's value says nothing."""
+    thinnest = np.full(len(mesh.positions), np.pi)
+    np.minimum.at(thinnest, mesh.triangles.ravel(), np.repeat(angles.min(axis=1), 3))
+    return np.select([thinnest > FAT_ANGLE, thinnest > THIN_ANGLE], [FAT_LIMIT, THIN_LIMIT], np.nan)
+
+
+def laplacian_rows(matrix, vertices, limits, used):
+    rows = []
+    for i in vertices[~np.isnan(limits[vertices])]:
+        row = matrix[int(i)].tocoo()
+        order = np.argsort(row.col)
+        rows += [[int(used[i]), int(used[j]), float(value), float(limits[i])]
+                 for j, value in zip(row.col[order], row.data[order])]
+    return rows
+
+
+def harmonic_samples(mesh, used):
+    vertices = default_constraints.choose(mesh)
+    values = default_constraints.values(mesh, vertices)
+    field = igl_reference.harmonic(mesh, vertices, values)
+    free = np.setdiff1d(np.arange(len(field)), vertices)
+    sampled = free[np.linspace(0, len(free) - 1, min(SAMPLES, len(free))).astype(int)]
+    return {"constraints": [[int(used[v]), *map(float, g)] for v, g in zip(vertices, values)],
+            "samples": [[int(used[v]), *map(float, field[v])] for v in sampled]}
+
+
+def golden_values(path, name):
+    original = mesh_files.read(path)
+    mesh, used = mesh_files.compacted(original)
+    angles = mesh_files.corner_angles(mesh)
+    matrix = igl_reference.laplacian(mesh)
+    vertices, limits = sampled_vertices(mesh, angles), vertex_limits(mesh, angles)
+    barycentric, voronoi = igl_reference.masses(mesh)
+    wave = np.sin(used + 1.0)
+    return {
+        "mesh": {"file": name, "sha256": mesh_files.sha256(path), "vertices": len(original.positions),
+                 "triangles": len(original.triangles), "zero_area": int(mesh_files.zero_area(original).sum()),
+                 "unreferenced": len(original.positions) - len(used)},
+        "tools": igl_reference.versions(),
+        "limit": None if np.isnan(limits).any() else float(limits.max()),
+        "trace": float(matrix.diagonal().sum()),
+        "quadratic": float(wave @ (matrix @ wave)),
+        "total_area": float(barycentric.sum()),
+        "laplacian": laplacian_rows(matrix, vertices, limits, used),
+        "mass": [[int(used[i]), float(barycentric[i]), float(voronoi[i]), float(limits[i])]
+                 for i in vertices if not np.isnan(limits[i])],
+        "harmonic": harmonic_samples(mesh, used),
+    }
+
+
+def write(values, path):
+    """One line per key, one line per row of a table: small, and a change shows as a small difference."""
+    def text(value):
+        if isinstance(value, list):
+            return "[\n" + ",\n".join(json.dumps(row, separators=(",", ":")) for row in value) + "\n]"
+        if isinstance(value, dict) and any(isinstance(member, list) for member in value.values()):
+            return "{" + ",\n".join(f"{json.dumps(key)}: {text(member)}" for key, member in value.items()) + "}"
+        return json.dumps(value)
+
+    path.write_text("{\n" + ",\n".join(f"{json.dumps(key)}: {text(value)}" for key, value in values.items()) + "\n}\n")
+
+
+def sources(data):
+    """(path, name) of each mesh; the name is what the tests look for below $LAPBENCH_DATA or golden/."""
+    yield from ((path, f"golden/meshes/{path.name}") for path in sorted((GOLDEN / "meshes").glob("*.obj")))
+    if data:
+        for folder in ("meshes", "sequences", "bad"):
+            yield from ((path, f"{folder}/{path.name}") for path in sorted((data / folder).glob("*.ply")))
+
+
+def write_manifest():
+    """Every golden file with its sha256. The tools stand in each file, since files may come from different runs."""
+    files = sorted(path for path in GOLDEN.rglob("*") if path.is_file() and path.name != "manifest.json")
+    sums = {str(path.relative_to(GOLDEN)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    (GOLDEN / "manifest.json").write_text(json.dumps(sums, indent=1) + "\n")
+
+
+def main():
+    data = sys.argv[1] if len(sys.argv) > 1 else os.environ.get("LAPBENCH_DATA")
+    for path, name in sources(pathlib.Path(data) if data else None):
+        write(golden_values(path, name), GOLDEN / f"{path.stem}.json")
+        print(name, file=sys.stderr)
+    write_manifest()
+
+
+if __name__ == "__main__":
+    main()
