@@ -132,6 +132,8 @@ pub const BACKENDS: &[Entry] = &[
         open: gated!("sprs-ldl", backends::sprs_ldl::open),
         ..DIRECT
     },
+    Entry { id: "cg-jacobi", open: backends::cg::open_jacobi, ..ITERATIVE },
+    Entry { id: "sprs-cg", open: gated!("sprs", backends::sprs_cg::open), ..ITERATIVE },
 ];
 
 /// The entry of that name.

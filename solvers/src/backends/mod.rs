@@ -1,5 +1,6 @@
 //! One file or folder per backend. [`crate::registry`] lists them.
 
+pub mod cg;
 pub mod dense;
 #[cfg(feature = "faer")]
 pub mod faer;
@@ -9,3 +10,5 @@ pub mod nalgebra;
 mod permuted;
 #[cfg(feature = "sprs-ldl")]
 pub mod sprs_ldl;
+#[cfg(feature = "sprs")]
+pub mod sprs_cg;

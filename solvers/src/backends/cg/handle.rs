@@ -1,0 +1,124 @@
+//! The prepared handle of every backend of the family.
+
+use super::krylov::{self, Goal, Vectors};
+use super::lanes::{Window, width};
+use super::operator::Operator;
+use super::preconditioner::{AnyPreconditioner, Preconditioner};
+use crate::backend::{Factor, Footprint, Phase, Solved};
+use crate::columns::Columns;
+use crate::error::{PrepareError, SolveError};
+
+/// Matrix, preconditioner and workspace.
+pub(crate) struct CgFactor<A> {
+    matrix: A,
+    preconditioner: Box<dyn AnyPreconditioner>,
+    tolerance: f64,
+    workspace: [Vec<f64>; 5],
+}
+
+impl<A: Operator> CgFactor<A> {
+    /// Room for solves of `max_columns` columns (wider blocks go eight at a time).
+    pub(crate) fn new(
+        matrix: A,
+        preconditioner: Box<dyn AnyPreconditioner>,
+        tolerance: f64,
+        max_columns: usize,
+    ) -> Self {
+        let length = matrix.csr().n() * width(max_columns);
+        Self { matrix, preconditioner, tolerance, workspace: std::array::from_fn(|_| vec![0.0; length]) }
+    }
+
+    /// Columns `first ..` as far as W lanes go.
+    fn solve_window<const W: usize>(
+        &mut self,
+        rhs: Columns<&[f64]>,
+        x: Columns<&mut [f64]>,
+        first: usize,
+        preconditioner: fn(&mut dyn AnyPreconditioner) -> &mut dyn Preconditioner<W>,
+    ) -> Result<Solved, SolveError> {
+        let n = rhs.n();
+        let window = Window::<W>::new(rhs, first).map_err(|row| SolveError::NonFinite { row })?;
+        let [x_work, r, z, p, q] =
+            self.workspace.each_mut().map(|v| v[..n * W].as_chunks_mut::<W>().0);
+        let goal = Goal {
+            tolerance: self.tolerance,
+            budget: self.preconditioner.budget(),
+            flexible: self.preconditioner.is_inexact(),
+        };
+        let vectors = Vectors { x: x_work, r, z, p, q };
+        let m = preconditioner(&mut *self.preconditioner);
+        krylov::solve(&self.matrix, m, goal, window, rhs, x, vectors, &mut |_, _| {})
+    }
+}
+
+impl<A: Operator> Factor for CgFactor<A> {
+    fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
+        let (n, k) = (self.matrix.csr().n(), rhs.k());
+        assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
+        assert!(n * width(k) <= self.workspace[0].len(), "rhs: more columns than the handle was prepared for");
+        let mut whole = Whole::default();
+        let mut first = 0;
+        while first < k {
+            let w = width(k - first);
+            let x = x.reborrow();
+            whole.add(match w {
+                1 => self.solve_window::<1>(rhs, x, first, |m| m),
+                4 => self.solve_window::<4>(rhs, x, first, |m| m),
+                _ => self.solve_window::<8>(rhs, x, first, |m| m),
+            })?;
+            first += w;
+        }
+        whole.outcome()
+    }
+
+    fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
+        on(Phase::Numeric);
+        self.matrix.update(values);
+        self.preconditioner.update(self.matrix.csr())
+    }
+
+    fn footprint(&self) -> Footprint {
+        let (matrix, m) = (self.matrix.bytes() as u64, self.preconditioner.size());
+        let vectors: usize = self.workspace.iter().map(|v| 8 * v.len()).sum();
+        Footprint {
+            host_bytes: Some(matrix + m.bytes + vectors as u64),
+            factor_nonzeros: Some(m.entries),
+            factor_bytes: Some(m.bytes),
+            bytes_per_solve: Some(12 * self.matrix.csr().columns.len() as u64 + m.bytes),
+            ..Footprint::default()
+        }
+    }
+}
+
+/// The outcome of a solve that took several windows of columns: the worst of each figure.
+#[derive(Default)]
+struct Whole {
+    iterations: u32,
+    residual: f64,
+    missed: bool,
+}
+
+impl Whole {
+    /// Takes in one window; other errors than a missed tolerance end the solve.
+    fn add(&mut self, outcome: Result<Solved, SolveError>) -> Result<(), SolveError> {
+        let (iterations, residual) = match outcome {
+            Ok(solved) => (solved.iterations.unwrap_or(0), solved.residual.unwrap_or(0.0)),
+            Err(SolveError::NotConverged { iterations, residual }) => {
+                self.missed = true;
+                (iterations, residual)
+            }
+            Err(other) => return Err(other),
+        };
+        self.iterations = self.iterations.max(iterations);
+        self.residual = if residual.is_nan() { residual } else { self.residual.max(residual) };
+        Ok(())
+    }
+
+    fn outcome(self) -> Result<Solved, SolveError> {
+        let Self { iterations, residual, missed } = self;
+        if missed {
+            return Err(SolveError::NotConverged { iterations, residual });
+        }
+        Ok(Solved { iterations: Some(iterations), residual: Some(residual), device_ns: None })
+    }
+}

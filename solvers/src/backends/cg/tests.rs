@@ -1,0 +1,127 @@
+//! The Krylov core through its handle.
+
+use crate::backend::{Factor, PrepareOptions};
+use crate::columns::Columns;
+use crate::conformance;
+use crate::error::SolveError;
+use crate::registry::{OpenOptions, find};
+use crate::residual::Residual;
+use crate::sparse::SymmetricCsr;
+use crate::system::System;
+
+/// The five-point stencil on a side x side grid plus `shift` on the diagonal.
+fn grid(side: u32, shift: f64) -> SymmetricCsr {
+    let mut triplets = Vec::new();
+    for i in 0..side * side {
+        triplets.push((i, i, shift));
+        for j in [(i % side + 1 < side).then_some(i + 1), (i + side < side * side).then_some(i + side)] {
+            triplets.extend(j.into_iter().flat_map(|j| [(i, j, -1.0), (i, i, 1.0), (j, j, 1.0)]));
+        }
+    }
+    SymmetricCsr::from_triplets((side * side) as usize, &triplets).expect("an upper triangle")
+}
+
+fn prepare(matrix: &SymmetricCsr, columns: usize, tolerance: f64) -> Box<dyn Factor> {
+    let options = OpenOptions { tolerance, ..OpenOptions::default() };
+    let backend = (find("cg-jacobi").expect("a row").open)(&options).expect("always there");
+    let system = System::new(matrix.clone(), None).expect("valid");
+    backend.prepare(&system, &PrepareOptions::columns(columns), &mut |_| {}).expect("prepares")
+}
+
+fn wave(n: usize, k: usize) -> Vec<f64> {
+    (0..n * k).map(|at| ((at / k) as f64 + 3.0 * (at % k) as f64 + 1.0).sin()).collect()
+}
+
+fn relative(matrix: &SymmetricCsr, x: &[f64], b: &[f64], k: usize) -> f64 {
+    Residual::measure(matrix, Columns::new(x, matrix.n(), k), Columns::new(b, matrix.n(), k)).relative
+}
+
+#[test]
+fn conforms() {
+    assert_eq!(conformance::check(find("cg-jacobi").expect("a row")).expect("available"), []);
+}
+
+#[cfg(feature = "sprs")]
+#[test]
+fn sprs_cg_conforms() {
+    assert_eq!(conformance::check(find("sprs-cg").expect("a row")).expect("available"), []);
+}
+
+#[test]
+fn columns_of_any_size_converge_together() {
+    let (matrix, n, k) = (grid(20, 1e-2), 400, 11);
+    let mut b = wave(n, k);
+    for (at, b) in b.iter_mut().enumerate() {
+        *b *= [1.0, 1e-200, 1e200, 0.0][at % k % 4]; // squares of these leave the range of f64
+    }
+    let mut x = vec![0.0; n * k];
+    let solved = prepare(&matrix, k, 1e-10).solve(Columns::new(&b, n, k), Columns::new(&mut x[..], n, k));
+    assert!(solved.expect("converges").residual.is_some_and(|r| r <= 1.05e-10));
+    for c in 0..k {
+        let column = |v: &[f64]| -> Vec<f64> { v.iter().skip(c).step_by(k).copied().collect() };
+        let scale = [1.0, 1e200, 1e-200, 1.0][c % 4];
+        let scaled = |v: Vec<f64>| -> Vec<f64> { v.iter().map(|v| v * scale).collect() };
+        let error = relative(&matrix, &scaled(column(&x)), &scaled(column(&b)), 1);
+        assert!(error <= 1.1e-10, "column {c}: {error:e}");
+    }
+}
+
+#[test]
+fn a_good_guess_saves_iterations_and_a_bad_one_costs_none() {
+    let matrix = grid(40, 1e-3);
+    let (n, k) = (matrix.n(), 3);
+    let b = wave(n, k);
+    let mut factor = prepare(&matrix, k, 1e-8);
+    let mut solve = |x: &mut [f64]| {
+        let solved = factor.solve(Columns::new(&b, n, k), Columns::new(x, n, k)).expect("converges");
+        solved.iterations.expect("counted")
+    };
+    let mut x = vec![0.0; n * k];
+    let cold = solve(&mut x);
+    assert!(cold > 20, "{cold} iterations");
+    assert_eq!(solve(&mut x.clone()), 0, "the solution itself needs none");
+    x.iter_mut().for_each(|x| *x += 1e-6);
+    let warm = solve(&mut x);
+    assert!(warm < cold, "{warm} against {cold}");
+    assert_eq!(solve(&mut vec![1e30; n * k]), cold);
+    assert_eq!(solve(&mut vec![f64::NAN; n * k]), cold);
+}
+
+/// With a tolerance that rounding denies, the iteration ends by itself, and early, with its best iterate.
+#[test]
+fn stagnation_is_noticed_and_the_best_iterate_kept() {
+    let matrix = grid(40, 1e-6);
+    let (n, k) = (matrix.n(), 2);
+    let b = wave(n, k);
+    let mut x = vec![0.0; n * k];
+    let outcome = prepare(&matrix, k, 1e-30).solve(Columns::new(&b, n, k), Columns::new(&mut x[..], n, k));
+    let Err(SolveError::NotConverged { iterations, residual }) = outcome else { panic!("{outcome:?}") };
+    assert!(iterations < 5_000, "{iterations} iterations");
+    assert!(residual < 1e-9, "claims {residual:e}");
+    let error = relative(&matrix, &x, &b, k);
+    assert!(error <= 2.0 * residual, "claims {residual:e}, has {error:e}");
+}
+
+/// Indefinite with a positive diagonal: the first search direction or a later one has p . A p <= 0.
+#[test]
+fn an_indefinite_matrix_is_reported() {
+    let mut triplets: Vec<_> = (0..50u32).map(|i| (i, i, 1.0)).collect();
+    triplets.extend((0..49u32).map(|i| (i, i + 1, -0.6)));
+    let matrix = SymmetricCsr::from_triplets(50, &triplets).expect("an upper triangle");
+    let b = wave(50, 1);
+    let mut x = vec![0.0; 50];
+    let outcome =
+        prepare(&matrix, 1, 1e-10).solve(Columns::new(&b, 50, 1), Columns::new(&mut x[..], 50, 1));
+    assert!(matches!(outcome, Err(SolveError::NotConverged { .. })), "{outcome:?}");
+    assert!(x.iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn a_right_hand_side_that_is_not_finite_is_named() {
+    let matrix = grid(4, 1.0);
+    let mut b = vec![1.0; 16];
+    b[5] = f64::INFINITY;
+    let outcome =
+        prepare(&matrix, 1, 1e-10).solve(Columns::new(&b, 16, 1), Columns::new(&mut [0.0; 16][..], 16, 1));
+    assert_eq!(outcome, Err(SolveError::NonFinite { row: 5 }));
+}
