@@ -8,7 +8,7 @@ pub mod faer;
 pub mod nalgebra;
 #[cfg(any(feature = "nalgebra", feature = "sprs-ldl"))]
 mod permuted;
-#[cfg(feature = "sprs-ldl")]
-pub mod sprs_ldl;
 #[cfg(feature = "sprs")]
 pub mod sprs_cg;
+#[cfg(feature = "sprs-ldl")]
+pub mod sprs_ldl;

@@ -38,8 +38,7 @@ impl<A: Operator> CgFactor<A> {
     ) -> Result<Solved, SolveError> {
         let n = rhs.n();
         let window = Window::<W>::new(rhs, first).map_err(|row| SolveError::NonFinite { row })?;
-        let [x_work, r, z, p, q] =
-            self.workspace.each_mut().map(|v| v[..n * W].as_chunks_mut::<W>().0);
+        let [x_work, r, z, p, q] = self.workspace.each_mut().map(|v| v[..n * W].as_chunks_mut::<W>().0);
         let goal = Goal {
             tolerance: self.tolerance,
             budget: self.preconditioner.budget(),
@@ -55,7 +54,10 @@ impl<A: Operator> Factor for CgFactor<A> {
     fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
         let (n, k) = (self.matrix.csr().n(), rhs.k());
         assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
-        assert!(n * width(k) <= self.workspace[0].len(), "rhs: more columns than the handle was prepared for");
+        assert!(
+            n * width(k) <= self.workspace[0].len(),
+            "rhs: more columns than the handle was prepared for"
+        );
         let mut whole = Whole::default();
         let mut first = 0;
         while first < k {

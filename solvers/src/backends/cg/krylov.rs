@@ -125,7 +125,22 @@ impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
     ) -> Self {
         let lane = std::array::from_fn(|c| if window.is_used(c) { Lane::Active } else { Lane::Done });
         let (bb, rr, best) = ([0.0; W], [0.0; W], [f64::INFINITY; W]);
-        Self { a, m, goal, window, b, out, v, lane, bb, rr, best, saved: [false; W], iterations: 0, progress: 0 }
+        Self {
+            a,
+            m,
+            goal,
+            window,
+            b,
+            out,
+            v,
+            lane,
+            bb,
+            rr,
+            best,
+            saved: [false; W],
+            iterations: 0,
+            progress: 0,
+        }
     }
 
     /// Loads b and the guess; a guess worse than x = 0 is dropped. One product with A unless the guess is zero.

@@ -40,7 +40,10 @@ struct Cg {
 
 /// Opens `cg-jacobi`.
 pub fn open_jacobi(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(Cg { tolerance: options.tolerance, build: |_, a| Ok(Box::new(jacobi::Jacobi::new(a.csr()))) }))
+    Ok(Box::new(Cg {
+        tolerance: options.tolerance,
+        build: |_, a| Ok(Box::new(jacobi::Jacobi::new(a.csr()))),
+    }))
 }
 
 impl Backend for Cg {

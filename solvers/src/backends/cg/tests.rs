@@ -110,8 +110,7 @@ fn an_indefinite_matrix_is_reported() {
     let matrix = SymmetricCsr::from_triplets(50, &triplets).expect("an upper triangle");
     let b = wave(50, 1);
     let mut x = vec![0.0; 50];
-    let outcome =
-        prepare(&matrix, 1, 1e-10).solve(Columns::new(&b, 50, 1), Columns::new(&mut x[..], 50, 1));
+    let outcome = prepare(&matrix, 1, 1e-10).solve(Columns::new(&b, 50, 1), Columns::new(&mut x[..], 50, 1));
     assert!(matches!(outcome, Err(SolveError::NotConverged { .. })), "{outcome:?}");
     assert!(x.iter().all(|x| x.is_finite()));
 }
