@@ -83,6 +83,17 @@ impl SymmetricCsr {
         Ok(Self { row_starts, columns, values })
     }
 
+    /// Takes over arrays that were made in the right form.
+    pub(crate) fn from_sorted(row_starts: Vec<u32>, columns: Vec<u32>, values: Vec<f64>) -> Self {
+        debug_assert!(Self::new(row_starts.clone(), columns.clone(), values.clone()).is_ok());
+        Self { row_starts, columns, values }
+    }
+
+    /// Row starts, columns and values at once, the values to be changed.
+    pub(crate) fn parts_mut(&mut self) -> (&[u32], &[u32], &mut [f64]) {
+        (&self.row_starts, &self.columns, &mut self.values)
+    }
+
     /// Sums `(row, column, value)` triplets of the upper triangle (row <= column) into a matrix of order `n`; absent
     /// diagonal entries are stored as zero. Cost: one counting sort by row and a sort within each row.
     ///
