@@ -1,0 +1,82 @@
+//! A warm solve allocates nothing: counted over all threads of a process of its own.
+
+use lapbench::engine::allocation::{CountingAllocator, count, is_counting};
+use lapsolve::backend::PrepareOptions;
+use lapsolve::columns::Columns;
+use lapsolve::dirichlet::Dirichlet;
+use lapsolve::registry::{BACKENDS, OpenOptions};
+use lapsolve::sparse::SymmetricCsr;
+use lapsolve::system::System;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+const SIDE: u32 = 25;
+const MAX_COLUMNS: usize = 8;
+
+/// The five-point stencil on a SIDE x SIDE grid plus `shift` on the diagonal.
+fn grid(shift: f64) -> SymmetricCsr {
+    let mut triplets = Vec::new();
+    for i in 0..SIDE * SIDE {
+        triplets.push((i, i, 4.0 + shift));
+        if i % SIDE + 1 < SIDE {
+            triplets.push((i, i + 1, -1.0));
+        }
+        if i / SIDE + 1 < SIDE {
+            triplets.push((i, i + SIDE, -1.0));
+        }
+    }
+    SymmetricCsr::from_triplets((SIDE * SIDE) as usize, &triplets).expect("an upper triangle")
+}
+
+fn wave(length: usize) -> Vec<f64> {
+    (0..length).map(|i| (i as f64).sin()).collect()
+}
+
+/// Allocations of `work` once it has run twice: libraries may set something up in their first calls.
+fn allocations_of(mut work: impl FnMut()) -> u64 {
+    work();
+    work();
+    let before = count();
+    work();
+    count() - before
+}
+
+#[test]
+fn warm_solves_allocate_nothing() {
+    assert!(is_counting(), "this test needs the counting allocator");
+    let system = System::new(grid(0.1), None).expect("finite, positive diagonal");
+    let problem = Dirichlet::new(grid(0.1), None, &[0, 77, 600]).expect("valid constraints");
+    let n = system.n();
+    let (rhs, mut x) = (wave(n * MAX_COLUMNS), vec![0.0; n * MAX_COLUMNS]);
+    for entry in BACKENDS {
+        for threads in [1, 2] {
+            let backend = match (entry.open)(&OpenOptions { threads, ..OpenOptions::default() }) {
+                Ok(backend) => backend,
+                Err(unavailable) => {
+                    println!("SKIP {}: {unavailable}", entry.id);
+                    continue;
+                }
+            };
+            let options = PrepareOptions::columns(MAX_COLUMNS);
+            let mut factor = backend.prepare(&system, &options, &mut |_| {}).expect(entry.id);
+            let mut harmonic = backend.prepare_harmonic(&problem, &options, &mut |_| {}).expect(entry.id);
+            for k in [1, 3, 4, MAX_COLUMNS] {
+                let solve = allocations_of(|| {
+                    x[..n * k].fill(0.0);
+                    factor
+                        .solve(Columns::new(&rhs[..n * k], n, k), Columns::new(&mut x[..n * k], n, k))
+                        .expect(entry.id);
+                });
+                assert_eq!(solve, 0, "{}: solve of {k} columns, {threads} thread(s)", entry.id);
+                let field = allocations_of(|| {
+                    x[..n * k].fill(0.0);
+                    harmonic
+                        .solve(Columns::new(&rhs[..3 * k], 3, k), Columns::new(&mut x[..n * k], n, k))
+                        .expect(entry.id);
+                });
+                assert_eq!(field, 0, "{}: harmonic of {k} columns, {threads} thread(s)", entry.id);
+            }
+        }
+    }
+}
