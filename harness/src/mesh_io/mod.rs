@@ -7,39 +7,48 @@
 //! What is wrong with a mesh but no obstacle comes back as [`Note`]s, each saying what was done about it.
 
 mod builder;
+mod gltf;
 mod note;
 pub mod npy;
 mod obj;
+mod off;
 mod ply;
+mod stl;
 pub mod table;
 mod text;
+mod weld;
 
 use std::fmt;
 use std::path::Path;
 
 use lapsolve::mesh::TriangleMesh;
+use lapsolve::topology::Topology;
 use sha2::{Digest, Sha256};
 
 pub use self::note::{Finding, Note};
-use crate::file::{self, Fault, FileError, Place};
+use self::text::Lines;
+use crate::file::{self, Fault, FileError};
 
 /// A mesh with its provenance.
 #[derive(Clone, Debug)]
 pub struct Loaded {
     /// The mesh, in the file's order of vertices and triangles.
     pub mesh: TriangleMesh,
-    /// What was found in the file and what was done about it.
+    /// What was found in the file and in the mesh, and what was done about it.
     pub notes: Vec<Note>,
+    /// How the triangles hang together.
+    pub topology: Topology,
     /// SHA-256 of the mesh itself: positions (f64, little endian), then triangles (u32, little endian). The same for
     /// the same mesh in any format that keeps its bits.
     pub sha256: [u8; 32],
 }
 
 impl Loaded {
-    /// Adds the checksum. Cost: one pass over the mesh.
-    pub fn new(mesh: TriangleMesh, notes: Vec<Note>) -> Self {
-        let sha256 = checksum(&mesh);
-        Self { mesh, notes, sha256 }
+    /// Examines a mesh and adds checksum and report; `notes` are those of its reader.
+    pub fn new(mesh: TriangleMesh, mut notes: Vec<Note>) -> Self {
+        let (topology, sha256) = rayon::join(|| Topology::of(&mesh), || checksum(&mesh));
+        notes.extend(note::of_topology(&topology));
+        Self { mesh, notes, topology, sha256 }
     }
 }
 
@@ -62,10 +71,17 @@ pub fn checksum(mesh: &TriangleMesh) -> [u8; 32] {
 
 /// A format of mesh files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the names say it")]
 pub enum Format {
+    /// PLY, ascii or binary.
     Ply,
+    /// Wavefront OBJ.
     Obj,
+    /// OFF, text.
+    Off,
+    /// STL, ascii or binary.
+    Stl,
+    /// glTF 2.0, JSON or binary (GLB).
+    Gltf,
 }
 
 impl Format {
@@ -75,16 +91,31 @@ impl Format {
         Some(match extension.as_str() {
             "ply" => Format::Ply,
             "obj" => Format::Obj,
+            "off" | "coff" | "noff" => Format::Off,
+            "stl" => Format::Stl,
+            "gltf" | "glb" => Format::Gltf,
             _ => return None,
         })
     }
 
-    /// The format of the content, where it shows.
+    /// The format of the content, where it shows beyond doubt.
     fn of_content(bytes: &[u8]) -> Option<Self> {
+        let begin = bytes.trim_ascii_start();
+        let first_line = Lines::new(&bytes[..bytes.len().min(4096)], 1).next_filled();
+        let first_word = first_line.and_then(|line| line.tokens().next()).unwrap_or_default();
         if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
-            return Some(Format::Ply);
+            Some(Format::Ply)
+        } else if bytes.starts_with(b"glTF") || begin.starts_with(b"{") {
+            Some(Format::Gltf)
+        } else if off::is_keyword(first_word) {
+            Some(Format::Off)
+        } else if stl::is_ascii(bytes) || stl::is_binary(bytes) {
+            Some(Format::Stl)
+        } else if [&b"v"[..], b"vn", b"vt", b"mtllib", b"usemtl"].contains(&first_word) {
+            Some(Format::Obj)
+        } else {
+            None
         }
-        None
     }
 }
 
@@ -93,6 +124,9 @@ impl fmt::Display for Format {
         f.write_str(match self {
             Format::Ply => "PLY",
             Format::Obj => "OBJ",
+            Format::Off => "OFF",
+            Format::Stl => "STL",
+            Format::Gltf => "glTF",
         })
     }
 }
@@ -103,29 +137,41 @@ impl fmt::Display for Format {
 /// [`FileError`] naming file, place and remedy.
 pub fn read_mesh(path: &Path) -> Result<Loaded, FileError> {
     let bytes = file::read(path)?;
+    let folder = path.parent();
     let (mesh, notes) =
-        parse_mesh(&bytes, Format::of_extension(path)).map_err(|fault| fault.in_file(path))?;
+        parse_mesh(&bytes, Format::of_extension(path), folder).map_err(|fault| fault.in_file(path))?;
+    drop(bytes);
     Ok(Loaded::new(mesh, notes))
 }
 
-/// Reads the bytes of a mesh file; `named` is the format its name stands for.
+/// Reads the bytes of a mesh file. `named` is the format its name stands for; `folder` is where its external buffers
+/// may lie.
 ///
 /// # Errors
 /// A fault naming the place and the remedy.
-pub fn parse_mesh(bytes: &[u8], named: Option<Format>) -> Result<(TriangleMesh, Vec<Note>), Fault> {
+pub fn parse_mesh(
+    bytes: &[u8],
+    named: Option<Format>,
+    folder: Option<&Path>,
+) -> Result<(TriangleMesh, Vec<Note>), Fault> {
     if bytes.is_empty() {
         return Err(Fault::new("is empty", "export the mesh again"));
     }
-    let shown = Format::of_content(bytes);
-    let format = shown.or(named).ok_or_else(|| {
-        Fault::new("is in no format that is known here", "use PLY, OBJ, OFF, STL, glTF or GLB")
+    if bytes.starts_with(b"\x93NUMPY") {
+        return Err(Fault::new("is an array, not a mesh", "give it as frames, and a mesh file here"));
+    }
+    let format = Format::of_content(bytes).or(named).ok_or_else(|| {
+        Fault::new("is in no mesh format that is known here", "use PLY, OBJ, OFF, STL, glTF or GLB")
     })?;
     let (mesh, mut notes) = match format {
         Format::Ply => ply::parse(bytes)?,
         Format::Obj => obj::parse(bytes)?,
+        Format::Off => off::parse(bytes)?,
+        Format::Stl => stl::parse(bytes)?,
+        Format::Gltf => gltf::parse(bytes, folder)?,
     };
     if named.is_some_and(|named| named != format) {
-        notes.push(Note { finding: Finding::OtherExtension, count: 1, first: Some(Place::Byte(0)) });
+        notes.push(Note { finding: Finding::OtherExtension, count: 1, first: None });
     }
     Ok((mesh, notes))
 }
