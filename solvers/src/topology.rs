@@ -38,7 +38,7 @@ pub struct Topology {
     pub duplicates: Found,
     /// Edges of one triangle; the index is a triangle.
     pub boundary_edges: Found,
-    /// Closed curves that the boundary edges form, walking from fan to fan.
+    /// Connected pieces that the boundary edges form: closed curves, unless they touch at a vertex.
     pub boundary_loops: usize,
     /// Edges of more than two triangles; the index is a triangle.
     pub non_manifold_edges: Found,
@@ -113,12 +113,12 @@ impl Topology {
                     }
                 }
                 if let [half] = edge {
-                    boundary.push([half.corner(low as u32, triangles), half.corner(half.high, triangles)]);
+                    boundary.push([low as u32, half.high]);
                 }
             }
         }
         self.count_fans(mesh, &mut fans);
-        self.boundary_loops = count_loops(&boundary, fans);
+        self.boundary_loops = count_pieces(&boundary, mesh.positions().len());
     }
 
     /// One edge: the half-edges between `low` and a higher vertex.
@@ -169,12 +169,11 @@ fn has_three_vertices([a, b, c]: [u32; 3]) -> bool {
     a != b && b != c && c != a
 }
 
-/// Joins the two fans at the ends of every boundary edge: each set that results is one loop.
-fn count_loops(boundary: &[[u32; 2]], mut fans: DisjointSets) -> usize {
-    for &[a, b] in boundary {
-        fans.join(a, b);
-    }
-    let mut roots: Vec<u32> = boundary.iter().map(|&[a, _]| fans.root(a)).collect();
+/// Connected pieces of a graph on `vertices` vertices, without those on no edge.
+fn count_pieces(edges: &[[u32; 2]], vertices: usize) -> usize {
+    let mut pieces = DisjointSets::new(vertices);
+    edges.iter().for_each(|&[a, b]| pieces.join(a, b));
+    let mut roots: Vec<u32> = edges.iter().map(|&[a, _]| pieces.root(a)).collect();
     roots.sort_unstable();
     roots.dedup();
     roots.len()
