@@ -1,14 +1,16 @@
-"""Writes the golden values: small samples of what libigl computes, one JSON file per mesh, and their manifest.
+"""Writes the golden values: small samples of what libigl and Open3D compute, one JSON file per mesh, and their manifest.
 
     generate.py [DATA_FOLDER]       (default: $LAPBENCH_DATA; without it only golden/meshes)
 
-Each golden/<mesh>.json holds the mesh's sha256, the versions of the tools, and
+Each golden/<mesh>.json holds the mesh's checksum, the versions of the tools, and
   laplacian   whole rows i of L: [i, j, L_ij, limit]; |difference| <= limit * max(L_ii, L_jj) is expected
   trace       sum of L_ii, and
   quadratic   x' L x for x_i = sin(i + 1) over the vertices of the file: these two depend on every entry, and agree to
               `limit` (relative), null where libigl's value says nothing
   mass        [i, barycentric, Voronoi, limit], the limit being relative; total_area
   harmonic    constraints [vertex, g_1 .. g_k], samples [vertex, u_1 .. u_k] of igl.harmonic
+  open3d      area of the whole mesh; for some closed meshes as-rigid-as-possible deformation: handles [vertex, x, y, z],
+              positions [vertex, x, y, z] after 1 and after 5 iterations
 in the numbering of the file. golden/manifest.json has the sha256 of every golden file.
 """
 
@@ -23,6 +25,7 @@ import numpy as np
 import default_constraints
 import igl_reference
 import mesh_files
+import open3d_reference
 
 GOLDEN = pathlib.Path(__file__).resolve().parent / "golden"
 # libigl works from edge lengths and loses about eps/angle^2 of a triangle's area. The exact values are nearer to those
@@ -31,14 +34,17 @@ FAT_ANGLE, FAT_LIMIT = np.radians(1), 1e-12
 THIN_ANGLE, THIN_LIMIT = np.radians(1e-3), 1e-8
 ROWS = 16  # spread over the mesh; a few more lie where mistakes show
 SAMPLES = 20
+# Closed meshes, since Open3D doubles the weights of boundary edges; small ones, since it factors in every call.
+ARAP_MESHES = {"sphere_2", "blob_2", "femur_8k", "smpl_woman_14k"}
+ARAP_HANDLES = 10
 
 
 def sampled_vertices(mesh, angles):
     """Spread over the numbering, and where mistakes show: thin triangles, obtuse corners."""
-    spread = np.linspace(0, len(mesh.positions) - 1, ROWS).astype(int)
+    even = np.linspace(0, len(mesh.positions) - 1, ROWS).astype(int)
     thin = mesh.triangles[np.argsort(angles.min(axis=1))[: ROWS // 4], 0]
     obtuse = np.argmax(angles.max(axis=1) * (angles.min(axis=1) > FAT_ANGLE))
-    return np.unique(np.concatenate([spread, thin, mesh.triangles[obtuse]]))
+    return np.unique(np.concatenate([even, thin, mesh.triangles[obtuse]]))
 
 
 def vertex_limits(mesh, angles):
@@ -62,10 +68,28 @@ def harmonic_samples(mesh, used):
     vertices = default_constraints.choose(mesh)
     values = default_constraints.values(mesh, vertices)
     field = igl_reference.harmonic(mesh, vertices, values)
-    free = np.setdiff1d(np.arange(len(field)), vertices)
-    sampled = free[np.linspace(0, len(free) - 1, min(SAMPLES, len(free))).astype(int)]
+    sampled = spread(np.setdiff1d(np.arange(len(field)), vertices))
     return {"constraints": [[int(used[v]), *map(float, g)] for v, g in zip(vertices, values)],
             "samples": [[int(used[v]), *map(float, field[v])] for v in sampled]}
+
+
+def arap_samples(mesh):
+    """Ten handles, moved by up to a tenth of the mesh's size, and where some free vertices go."""
+    vertices = default_constraints.choose(mesh)[:: default_constraints.COUNT // ARAP_HANDLES]
+    size = np.linalg.norm(np.ptp(mesh.positions, axis=0))
+    targets = mesh.positions[vertices] + 0.1 * size * default_constraints.values(mesh, vertices)[:, 1:]
+    sampled = spread(np.setdiff1d(np.arange(len(mesh.positions)), vertices))
+    samples = {"handles": [[int(v), *map(float, x)] for v, x in zip(vertices, targets)]}
+    for iterations in (1, 5):
+        deformed = open3d_reference.deform(
+            open3d_reference.from_arrays(mesh.positions, mesh.triangles), vertices, targets, iterations)
+        samples[f"after_{iterations}"] = [[int(v), *map(float, deformed[v])] for v in sampled]
+    return samples
+
+
+def spread(indices):
+    """At most `SAMPLES` of them, evenly."""
+    return indices[np.linspace(0, len(indices) - 1, min(SAMPLES, len(indices))).astype(int)]
 
 
 def golden_values(path, name):
@@ -76,11 +100,12 @@ def golden_values(path, name):
     vertices, limits = sampled_vertices(mesh, angles), vertex_limits(mesh, angles)
     barycentric, voronoi = igl_reference.masses(mesh)
     wave = np.sin(used + 1.0)
+    whole = open3d_reference.from_arrays(original.positions, original.triangles)
     return {
-        "mesh": {"file": name, "sha256": mesh_files.sha256(path), "vertices": len(original.positions),
+        "mesh": {"file": name, "sha256": mesh_files.checksum(original), "vertices": len(original.positions),
                  "triangles": len(original.triangles), "zero_area": int(mesh_files.zero_area(original).sum()),
                  "unreferenced": len(original.positions) - len(used)},
-        "tools": igl_reference.versions(),
+        "tools": {**igl_reference.versions(), **open3d_reference.versions()},
         "limit": None if np.isnan(limits).any() else float(limits.max()),
         "trace": float(matrix.diagonal().sum()),
         "quadratic": float(wave @ (matrix @ wave)),
@@ -89,6 +114,7 @@ def golden_values(path, name):
         "mass": [[int(used[i]), float(barycentric[i]), float(voronoi[i]), float(limits[i])]
                  for i in vertices if not np.isnan(limits[i])],
         "harmonic": harmonic_samples(mesh, used),
+        "open3d": {"area": whole.get_surface_area(), **(arap_samples(mesh) if path.stem in ARAP_MESHES else {})},
     }
 
 

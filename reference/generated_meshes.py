@@ -62,6 +62,12 @@ def hills(n):
     return [point * (1.0, 3.0, 1.0) for point in points], triangles
 
 
+def blob(level):
+    """A closed, flattened and dented sphere: edges whose opposite angles sum to more than 180 degrees."""
+    points, triangles = sphere(level)
+    return [(1 + 0.2 * math.sin(6 * p[0] + 4 * p[1])) * p * (1.0, 2.5, 0.4) for p in points], triangles
+
+
 def pieces():
     """Two components, one vertex that no triangle uses, and one triangle of zero area."""
     points, triangles = hills(6)
@@ -80,7 +86,8 @@ def write_obj(path, points, triangles):
     pathlib.Path(path).write_text("\n".join(lines) + "\n")
 
 
-MESHES = {"sphere_2": lambda: sphere(2), "grid_12": lambda: grid(12), "hills_12": lambda: hills(12), "pieces": pieces}
+MESHES = {"sphere_2": lambda: sphere(2), "grid_12": lambda: grid(12), "hills_12": lambda: hills(12), "blob_2": lambda: blob(2),
+          "pieces": pieces}
 
 if __name__ == "__main__":
     for name, make in MESHES.items():

@@ -111,7 +111,7 @@ def main():
     options.out.mkdir(parents=True, exist_ok=True)
     for name, array in arrays.items():
         np.save(options.out / f"{name}.npy", np.ascontiguousarray(array, np.float64))
-    print(json.dumps({"versions": versions(), "sha256": mesh_files.sha256(options.mesh), "vertices": count,
+    print(json.dumps({"versions": versions(), "sha256": mesh_files.checksum(original), "vertices": count,
                       "triangles": len(original.triangles), "zero_area": int(mesh_files.zero_area(original).sum()),
                       "unreferenced": count - len(used), "cotmatrix_ns": cotmatrix_times(mesh, options.repeat)}))
 
