@@ -57,7 +57,10 @@ fn number(value: &Value) -> f64 {
 fn compare(wrong: &mut Vec<String>, what: String, ours: f64, theirs: f64, limit: f64, scale: f64) {
     let difference = (ours - theirs).abs();
     if !(difference <= limit * scale) {
-        wrong.push(format!("{what}: {ours:e}, the reference has {theirs:e}, off by {:e} of {limit:e}", difference / scale));
+        wrong.push(format!(
+            "{what}: {ours:e}, the reference has {theirs:e}, off by {:e} of {limit:e}",
+            difference / scale
+        ));
     }
 }
 
@@ -99,7 +102,8 @@ fn compare_mass(golden: &Value, barycentric: &[f64], voronoi: &[f64]) -> Vec<Str
     let mut wrong = Vec::new();
     for row in rows(&golden["mass"]) {
         let i = row[0] as usize;
-        for (kind, ours, theirs) in [("barycentric", barycentric[i], row[1]), ("Voronoi", voronoi[i], row[2])] {
+        for (kind, ours, theirs) in [("barycentric", barycentric[i], row[1]), ("Voronoi", voronoi[i], row[2])]
+        {
             compare(&mut wrong, format!("{kind} mass of vertex {i}"), ours, theirs, row[3], theirs);
         }
     }
@@ -143,7 +147,14 @@ fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
         for row in rows(&golden["open3d"]["after_1"]) {
             for axis in 0..3 {
                 let what = format!("deformed position {} axis {axis}", row[0]);
-                compare(&mut wrong, what, moved[row[0] as usize][axis], row[1 + axis], ARAP_LIMIT, diagonal(mesh));
+                compare(
+                    &mut wrong,
+                    what,
+                    moved[row[0] as usize][axis],
+                    row[1 + axis],
+                    ARAP_LIMIT,
+                    diagonal(mesh),
+                );
             }
         }
     }
@@ -153,7 +164,8 @@ fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
 fn first_arap_iteration(mesh: &TriangleMesh, handles: &[Vec<f64>]) -> Vec<[f64; 3]> {
     let x = mesh.positions();
     let vertices: Vec<u32> = handles.iter().map(|row| row[0] as u32).collect();
-    let shift = |row: &Vec<f64>| std::array::from_fn::<f64, 3, _>(|axis| row[1 + axis] - x[row[0] as usize][axis]);
+    let shift =
+        |row: &Vec<f64>| std::array::from_fn::<f64, 3, _>(|axis| row[1 + axis] - x[row[0] as usize][axis]);
     let shifts: Vec<f64> = handles.iter().flat_map(shift).collect();
     let l = Laplacian::assemble(mesh, Weights::ClampedPerEdge).into_matrix();
     let backend = registry::find("faer-llt").expect("a built-in backend");
@@ -204,7 +216,11 @@ fn compare_mesh(golden: &Value, path: &Path) -> Vec<String> {
     let mesh = &loaded.mesh;
     let l = Laplacian::assemble(mesh, Weights::Plain).into_matrix();
     let mut wrong = compare_laplacian(golden, &l);
-    wrong.extend(compare_mass(golden, &mass::lumped(mesh, Mass::Barycentric), &mass::lumped(mesh, Mass::Voronoi)));
+    wrong.extend(compare_mass(
+        golden,
+        &mass::lumped(mesh, Mass::Barycentric),
+        &mass::lumped(mesh, Mass::Voronoi),
+    ));
     wrong.extend(compare_open3d(golden, mesh));
     let small = l.n() <= EVERY_BACKEND_UP_TO;
     for backend in registry::BACKENDS.iter().filter(|backend| small || backend.id == "faer-llt") {
@@ -238,7 +254,8 @@ fn real_meshes_agree() {
 
 #[test]
 fn a_wrong_laplacian_or_mass_is_noticed() {
-    let golden = &golden_files(true).into_iter().find(|g| mesh_file(g).contains("hills")).expect("hills is committed");
+    let golden =
+        &golden_files(true).into_iter().find(|g| mesh_file(g).contains("hills")).expect("hills is committed");
     let path = golden_folder().parent().expect("below reference").join(mesh_file(golden));
     let mesh = mesh_io::read_mesh(&path).expect("committed mesh").mesh;
     let l = Laplacian::assemble(&mesh, Weights::Plain).into_matrix();
