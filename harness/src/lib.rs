@@ -6,6 +6,7 @@
 //! [`main_with`] is the whole program; give it backends of your own and they stand in every command beside the
 //! built-in ones, under the same checks.
 
+pub mod body;
 pub mod cmd;
 pub mod engine;
 pub mod exit;
@@ -13,5 +14,8 @@ pub mod file;
 pub mod mesh_io;
 pub mod mesh_source;
 pub mod record;
+pub mod render;
+pub mod shapes;
+pub mod vector;
 
 pub use cmd::main_with;
