@@ -9,13 +9,16 @@
 pub mod body;
 pub mod cmd;
 pub mod engine;
+pub mod environment;
 pub mod exit;
 pub mod file;
 pub mod mesh_io;
 pub mod mesh_source;
+pub mod process;
 pub mod record;
 pub mod render;
 pub mod shapes;
+pub mod statistics;
 pub mod vector;
 
 pub use cmd::main_with;

@@ -30,6 +30,7 @@ macro_rules! vocabulary {
 
 vocabulary! {
     /// How a cell ended.
+    #[derive(Default)]
     Status {
         /// Measured, and every checked answer is within the limits of its class.
         Ok = "ok",
@@ -46,6 +47,7 @@ vocabulary! {
         /// Out of memory.
         Oom = "oom",
         /// Anything else: a crash, garbage on the protocol, an unreadable mesh.
+        #[default]
         Error = "error",
     }
 }

@@ -1,0 +1,253 @@
+//! The result file, version 1: one object per cell, every member present, null where unknown.
+//!
+//! Times are integers in nanoseconds, sizes in bytes. Later 1.x versions only add members; readers skip what they do
+//! not know and take what is missing as null.
+
+use super::names::{DeviceType, Precision, Status};
+use crate::environment::Environment;
+use crate::statistics::percentiles::Percentiles;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Version of what is written here.
+pub const SCHEMA_VERSION: &str = "1.0";
+
+/// A result file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ResultFile {
+    /// Major and minor version, "1.0".
+    pub schema_version: String,
+    /// The command line that made it.
+    pub command: String,
+    /// False for shortened runs (`--quick`): good for a look, not for a statement.
+    pub quotable: bool,
+    /// The machine and the build.
+    pub environment: Environment,
+    /// One row per mesh, workload, backend and thread count.
+    pub cells: Vec<Cell>,
+}
+
+/// One cell: a backend on a workload on a mesh.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Cell {
+    /// What it was solved on.
+    pub mesh: Mesh,
+    /// Name of the workload.
+    pub workload: String,
+    /// Name of the backend or peer.
+    pub backend: String,
+    /// How it ended.
+    pub status: Status,
+    /// Why, unless `ok`.
+    pub reason: Option<String>,
+    /// False while the cell is being measured: what a killed run leaves.
+    pub complete: bool,
+    /// What it computes in.
+    pub precision: Option<Precision>,
+    /// Relative residual asked of an iterative backend; null for direct ones.
+    pub tolerance: Option<f64>,
+    /// Threads a solve may use.
+    pub threads: usize,
+    /// Columns of the right-hand side (`transfer`: 3 positions; its field has 4).
+    pub columns: Option<usize>,
+    /// "cpu" or the device's own name.
+    pub device: Option<String>,
+    /// Kind of device.
+    pub device_type: Option<DeviceType>,
+    /// Set-up, phase by phase.
+    pub phases_ns: Phases,
+    /// Steady solves from x = 0.
+    pub solve_ns: Summary,
+    /// Whole `transfer` frames, x kept from frame to frame.
+    pub frame_ns: Summary,
+    /// New values on the same pattern: update and refactor.
+    pub update_ns: Summary,
+    /// At the median frame (or solve, where a frame is one).
+    pub frames_per_second: Option<f64>,
+    /// From the matrix in memory to the first solution: all set-up phases but load and assemble, and the first solve.
+    pub first_frame_ns: Option<u64>,
+    /// Frame rate of the slowest hundredth.
+    pub low1_fps: Option<f64>,
+    /// Frames of over 2.5 times the average of the 20 before.
+    pub stutters: Option<u64>,
+    /// Frames started on a schedule.
+    pub open_loop: Vec<OpenLoop>,
+    /// Every timed frame (`transfer`) or solve, in the order measured.
+    pub samples_ns: Vec<u64>,
+    /// What the harness found when it checked the answers.
+    pub accuracy: Accuracy,
+    /// The factor.
+    pub factor: Factor,
+    /// Peak resident memory of the cell's own process.
+    pub peak_rss_bytes: Option<u64>,
+    /// Allocations per steady solve or frame, over all threads of the process.
+    pub allocations_per_frame: Option<f64>,
+    /// Memory traffic.
+    pub bandwidth: Bandwidth,
+    /// Iterations of a solve, the largest over the columns; null for direct backends.
+    pub iterations: Option<u32>,
+    /// What the backend says about itself: versions, instruction sets, tuning.
+    pub details: BTreeMap<String, String>,
+}
+
+/// The mesh (or matrix) of a cell.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Mesh {
+    /// As given on the command line; files without their folder.
+    pub name: String,
+    /// Number of triangles; null for a matrix.
+    pub triangles: Option<usize>,
+    /// Number of vertices, or rows of a matrix.
+    pub vertices: Option<usize>,
+    /// SHA-256 of positions and triangles, hexadecimal; null where it could not be read.
+    pub sha256: Option<String>,
+}
+
+/// Set-up times.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Phases {
+    /// Reading or making the mesh; done once for all cells of the mesh.
+    pub load: Option<u64>,
+    /// Assembling the matrix; done once for all cells of the mesh and workload.
+    pub assemble: Option<u64>,
+    /// Elimination order, or structure of a hierarchy.
+    pub order: Option<u64>,
+    /// Symbolic factorisation.
+    pub symbolic: Option<u64>,
+    /// Numeric factorisation, or the numbers of a preconditioner.
+    pub numeric: Option<u64>,
+    /// Transfer to a device.
+    pub upload: Option<u64>,
+    /// The first solve or frame.
+    pub first_solve: Option<u64>,
+}
+
+/// Order statistics of timed repetitions. p95 needs 200 samples, p99 1,000, p99.9 10,000.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct Summary {
+    pub samples: Option<usize>,
+    pub min: Option<u64>,
+    pub p50: Option<u64>,
+    pub p95: Option<u64>,
+    pub p99: Option<u64>,
+    pub p999: Option<u64>,
+    pub max: Option<u64>,
+}
+
+/// Frames started on a schedule; latencies count from the scheduled start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct OpenLoop {
+    /// Starts per second.
+    pub hz: f64,
+    /// Frames done.
+    pub frames: u64,
+    /// Frames that took longer than 1 / hz.
+    pub misses: u64,
+    /// Upper 95% bound of the miss rate (Clopper-Pearson).
+    pub miss_upper95: f64,
+    /// Lower 95% bound of the miss rate.
+    pub miss_lower95: f64,
+    /// Latencies.
+    pub latency_ns: Summary,
+}
+
+/// How good the checked answers are; the worst of all checks of the cell.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Accuracy {
+    /// Normwise backward error, infinity norms, compensated residual, largest over the columns.
+    pub backward_error: Option<f64>,
+    /// Its limit; null where the relative residual rules.
+    pub backward_limit: Option<f64>,
+    /// Componentwise backward error, guarded zeros.
+    pub componentwise: Option<f64>,
+    /// ||b - A x||_2 / ||b||_2, largest over the columns.
+    pub relative_residual: Option<f64>,
+    /// Its limit; null where the backward error rules.
+    pub residual_limit: Option<f64>,
+    /// Distance from the reference solution, in the workload's unit (diagonal, largest constraint, largest |x|).
+    pub forward_error: Option<f64>,
+    /// Largest deviation on constrained vertices, relative to the largest constraint.
+    pub constraint_error: Option<f64>,
+    /// What the reference solution is.
+    pub reference: Option<String>,
+    /// Limit of the forward error.
+    pub limit: Option<f64>,
+    /// False where two references differ by more than a tenth of the limit: no statement on the forward error.
+    pub certifiable: Option<bool>,
+}
+
+/// What a prepared handle holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Factor {
+    /// Entries of the factor, or of all levels of a preconditioner.
+    pub nonzeros: Option<u64>,
+    /// Their bytes as stored.
+    pub bytes: Option<u64>,
+    /// Bytes on a device.
+    pub device_bytes: Option<u64>,
+    /// Flops of the numeric factorisation.
+    pub flops: Option<u64>,
+    /// Ordering that ran.
+    pub ordering: Option<String>,
+}
+
+/// Memory traffic of a steady solve.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Bandwidth {
+    /// Bytes of matrix and factor that a solve reads, by the backend's account.
+    pub bytes_per_solve: Option<u64>,
+    /// Those bytes over the median time.
+    pub gb_per_s: Option<f64>,
+    /// The same against `read_gb_per_s`.
+    pub fraction_of_read: Option<f64>,
+    /// Read bandwidth measured between the rounds, at the cell's threads and the factor's size.
+    pub read_gb_per_s: Option<f64>,
+}
+
+impl Summary {
+    /// Order statistics of `samples`; all null where there are none.
+    pub fn of(samples: &[u64]) -> Self {
+        let Percentiles { min, p50, p95, p99, p999, max } = Percentiles::of(samples);
+        let count = (!samples.is_empty()).then_some(samples.len());
+        Self { samples: count, min, p50, p95, p99, p999, max }
+    }
+}
+
+impl Cell {
+    /// Whether both are the same mesh, workload, backend and thread count.
+    pub fn same_as(&self, other: &Self) -> bool {
+        let key = |c: &Self| {
+            (c.mesh.name.clone(), c.mesh.sha256.clone(), c.workload.clone(), c.backend.clone(), c.threads)
+        };
+        key(self) == key(other)
+    }
+
+    /// "A wrong answer has no time": removes every figure of time, rate and traffic.
+    pub fn without_times(&mut self) {
+        *self = Self {
+            mesh: std::mem::take(&mut self.mesh),
+            workload: std::mem::take(&mut self.workload),
+            backend: std::mem::take(&mut self.backend),
+            reason: self.reason.take(),
+            device: self.device.take(),
+            accuracy: std::mem::take(&mut self.accuracy),
+            factor: std::mem::take(&mut self.factor),
+            details: std::mem::take(&mut self.details),
+            status: self.status,
+            complete: self.complete,
+            precision: self.precision,
+            tolerance: self.tolerance,
+            threads: self.threads,
+            columns: self.columns,
+            device_type: self.device_type,
+            peak_rss_bytes: self.peak_rss_bytes,
+            ..Self::default()
+        };
+    }
+}

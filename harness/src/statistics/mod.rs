@@ -1,0 +1,5 @@
+//! Pure statistics of samples: no clock, no I/O.
+
+pub mod binomial;
+pub mod frames;
+pub mod percentiles;
