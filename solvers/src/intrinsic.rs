@@ -8,8 +8,8 @@
 //! What it costs in accuracy: the added length is at most [`MOLLIFICATION`] x the mean edge for a mesh of zero-area
 //! triangles, and zero for a mesh without needles; flips change no length.
 
-use crate::laplacian::within_range;
 use crate::mesh::TriangleMesh;
+use crate::range::within_range;
 use crate::triangle::shape_from_lengths;
 use crate::vector::{norm, sub};
 use rayon::prelude::*;

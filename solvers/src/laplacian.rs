@@ -11,9 +11,8 @@ use crate::incidence::Incidence;
 use crate::intrinsic::Intrinsic;
 use crate::mesh::TriangleMesh;
 use crate::sparse::SymmetricCsr;
-use crate::triangle::{Shape, shape};
+use crate::triangle::shape;
 use rayon::prelude::*;
-use std::borrow::Cow;
 use thiserror::Error;
 
 /// How angles become weights.
@@ -92,11 +91,11 @@ impl Laplacian {
             );
         }
         let triangles = mesh.triangles();
-        let positions = within_range(mesh.positions());
+        let positions = mesh.positions();
         let mut half_cotangents = vec![[0.0; 3]; triangles.len()];
         let (mut incidence, zero_area) = rayon::join(
             || Incidence::new(positions.len(), triangles),
-            || measure(&positions, triangles, weights, &mut half_cotangents),
+            || measure(positions, triangles, weights, &mut half_cotangents),
         );
         if !zero_area.is_empty() {
             incidence.retain(|t| zero_area.binary_search(&(t as u32)).is_err());
@@ -121,7 +120,7 @@ impl Laplacian {
     }
 
     /// The values for other positions of the same vertices, on the same pattern, in place. Triangles that lose their area
-    /// contribute nothing from now on. No allocation of its own for coordinates between 1e-60 and 1e60.
+    /// contribute nothing from now on. No allocation of its own unless some do.
     ///
     /// # Errors
     /// [`UpdateError`]; the old values are then still in place.
@@ -136,12 +135,11 @@ impl Laplacian {
         if let Some(vertex) = positions.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(UpdateError::NonFinite { vertex });
         }
-        let positions = within_range(positions);
-        let opened = |t: &&u32| shape(corners(&positions, self.triangles[**t as usize])).double_area > 0.0;
+        let opened = |t: &&u32| shape(corners(positions, self.triangles[**t as usize])).is_some();
         if let Some(&triangle) = self.zero_area.iter().find(opened) {
             return Err(UpdateError::Opened { triangle });
         }
-        measure(&positions, &self.triangles, self.weights, &mut self.half_cotangents);
+        measure(positions, &self.triangles, self.weights, &mut self.half_cotangents);
         self.fill();
         Ok(())
     }
@@ -195,56 +193,35 @@ impl Laplacian {
     }
 }
 
-/// The same positions, scaled by a power of two where squaring them twice would leave the range of f64: cotangents do not
-/// change, not even in the last bit.
-pub(crate) fn within_range(positions: &[[f64; 3]]) -> Cow<'_, [[f64; 3]]> {
-    match range_exponent(positions) {
-        0 => Cow::Borrowed(positions),
-        exponent => {
-            let (a, b) = (2f64.powi(exponent / 2), 2f64.powi(exponent - exponent / 2)); // 2^exponent may overflow
-            Cow::Owned(positions.iter().map(|p| p.map(|x| x * a * b)).collect())
-        }
-    }
-}
-
-/// The exponent of the power of two that [`within_range`] multiplies by; 0 for all usual coordinates.
-pub(crate) fn range_exponent(positions: &[[f64; 3]]) -> i32 {
-    const USUAL: std::ops::Range<f64> = 1e-60..1e60; // fourth powers: 1e-240 .. 1e240
-    let largest = positions.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
-    if largest == 0.0 || USUAL.contains(&largest) { 0 } else { -(largest.log2().floor() as i32) }
-}
-
 #[inline(always)]
 fn corners(positions: &[[f64; 3]], triangle: [u32; 3]) -> [[f64; 3]; 3] {
     triangle.map(|v| positions[v as usize])
 }
 
 /// Half cotangents of all triangles; returns those of zero area, ascending.
-fn measure(
-    positions: &[[f64; 3]],
-    triangles: &[[u32; 3]],
-    weights: Weights,
-    out: &mut [[f64; 3]],
-) -> Vec<u32> {
+fn measure(positions: &[[f64; 3]], triangles: &[[u32; 3]], weights: Weights, out: &mut [[f64; 3]]) -> Vec<u32> {
     const CHUNK: usize = 4096; // triangles: 100 KB of results, some 60 us of work
     let clamp = weights == Weights::ClampedPerCorner;
     let any_zero = out
         .par_chunks_mut(CHUNK)
         .zip(triangles.par_chunks(CHUNK))
         .map(|(out, triangles)| {
-            let mut smallest = f64::INFINITY;
+            let mut any_zero = false;
             for (half, &triangle) in out.iter_mut().zip(triangles) {
-                let Shape { half_cotangents, double_area } = shape(corners(positions, triangle));
-                *half = if clamp { half_cotangents.map(|h| h.max(0.0)) } else { half_cotangents };
-                smallest = smallest.min(double_area);
+                let shape = shape(corners(positions, triangle));
+                any_zero |= shape.is_none();
+                *half = shape.map_or([0.0; 3], |s| s.half_cotangents);
+                if clamp {
+                    *half = half.map(|h| h.max(0.0));
+                }
             }
-            smallest == 0.0
+            any_zero
         })
         .reduce(|| false, |a, b| a | b);
     if !any_zero {
         return Vec::new();
     }
-    let is_zero = |t: &u32| shape(corners(positions, triangles[*t as usize])).double_area == 0.0;
+    let is_zero = |t: &u32| shape(corners(positions, triangles[*t as usize])).is_none();
     (0..triangles.len() as u32).filter(is_zero).collect()
 }
 

@@ -21,6 +21,7 @@ pub mod mass;
 pub mod mesh;
 pub mod ordering;
 pub mod poisson;
+pub mod range;
 pub mod registry;
 pub mod residual;
 pub mod sparse;

@@ -1,9 +1,7 @@
 //! Lumped mass matrices: the share of the surface that belongs to each vertex.
 
-use crate::laplacian::{range_exponent, within_range};
 use crate::mesh::TriangleMesh;
-use crate::triangle::shape;
-use crate::vector::{dot, sub};
+use crate::triangle::{Shape, shape};
 
 /// How a triangle's area is shared among its corners. libigl's `massmatrix` takes Voronoi for triangles by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -18,45 +16,36 @@ pub enum Mass {
 /// Diagonal of the lumped mass matrix M, in squared file units; sums to the area of the mesh. Zero-area triangles give nothing,
 /// so a vertex outside of all others has mass 0.
 ///
-/// Serial, one pass: about 60 flops per triangle. May overflow to infinity or underflow to 0 for coordinates beyond
-/// 1e+-150, as the area itself does.
+/// Serial, one pass: about 60 flops per triangle. Overflows to infinity where the area itself does (edges beyond 1e154).
 pub fn lumped(mesh: &TriangleMesh, kind: Mass) -> Vec<f64> {
-    let positions = within_range(mesh.positions());
+    let positions = mesh.positions();
     let mut mass = vec![0.0; positions.len()];
     for &triangle in mesh.triangles() {
-        let shares = shares(triangle.map(|v| positions[v as usize]), kind);
-        for (&v, share) in triangle.iter().zip(shares) {
+        let Some(shape) = shape(triangle.map(|v| positions[v as usize])) else { continue };
+        for (&v, share) in triangle.iter().zip(shares(&shape, kind)) {
             mass[v as usize] += share;
         }
-    }
-    let exponent = range_exponent(mesh.positions());
-    if exponent != 0 {
-        let back = 2f64.powi(-exponent / 2); // in four factors: 2^(-2 exponent) may overflow by itself
-        let rest = 2f64.powi(-exponent - -exponent / 2);
-        mass.iter_mut().for_each(|m| *m = *m * back * back * rest * rest);
     }
     mass
 }
 
 /// Area belonging to each corner.
-fn shares(p: [[f64; 3]; 3], kind: Mass) -> [f64; 3] {
-    let shape = shape(p);
+fn shares(shape: &Shape, kind: Mass) -> [f64; 3] {
     let area = 0.5 * shape.double_area;
     match kind {
         Mass::Barycentric => [area / 3.0; 3],
         Mass::Voronoi => {
-            let half = shape.half_cotangents;
-            if let Some(obtuse) = (0..3).find(|&c| half[c] < 0.0) {
+            let cot = shape.half_cotangents.map(|half| 2.0 * half);
+            if let Some(obtuse) = (0..3).find(|&c| cot[c] < 0.0) {
                 let mut shares = [0.25 * area; 3];
                 shares[obtuse] = 0.5 * area;
                 return shares;
             }
-            // (|e_b|^2 cot b + |e_c|^2 cot c) / 8, e_c opposite to corner c.
-            let part: [f64; 3] = std::array::from_fn(|c| {
-                let edge = sub(p[(c + 1) % 3], p[(c + 2) % 3]);
-                0.25 * dot(edge, edge) * half[c]
-            });
-            [part[1] + part[2], part[2] + part[0], part[0] + part[1]]
+            // |e_c|^2 cot c / 8 lies along the edge opposite to corner c; with |e_c|^2 = 2 area (cot a + cot b) of the
+            // other two corners it needs no lengths.
+            let along: [f64; 3] =
+                std::array::from_fn(|c| 0.25 * area * (cot[(c + 1) % 3] + cot[(c + 2) % 3]) * cot[c]);
+            [along[1] + along[2], along[2] + along[0], along[0] + along[1]]
         }
     }
 }
@@ -92,6 +81,7 @@ mod tests {
 
     #[test]
     fn voronoi_shares() {
+        let shares = |p, kind| shares(&shape(p).expect("has an area"), kind);
         let acute = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 3f64.sqrt(), 0.0]];
         let third = 3f64.sqrt() / 3.0;
         assert!(shares(acute, Mass::Voronoi).iter().all(|s| (s - third).abs() < 1e-15));

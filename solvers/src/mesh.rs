@@ -1,5 +1,6 @@
 //! Triangle meshes: positions, triangles, and what is wrong with them.
 
+use crate::triangle::shape;
 use thiserror::Error;
 
 /// A triangle mesh with checked construction: every coordinate is finite and every index in range.
@@ -83,9 +84,14 @@ impl TriangleMesh {
         &self.triangles
     }
 
-    /// Whether triangle `t` has no area to speak of: 2 area <= 1e-8 (longest edge)^2, see [`is_zero_area`].
+    /// Corners of triangle `t`.
+    pub fn corners(&self, t: usize) -> [[f64; 3]; 3] {
+        self.triangles[t].map(|v| self.positions[v as usize])
+    }
+
+    /// Whether triangle `t` has no area to speak of: 2 area <= 1e-8 (longest edge)^2, see [`crate::triangle::ZERO_AREA`].
     pub fn is_zero_area(&self, t: usize) -> bool {
-        is_zero_area(self.triangles[t].map(|v| self.positions[v as usize]))
+        shape(self.corners(t)).is_none()
     }
 
     /// The same connectivity with other positions.
@@ -117,30 +123,4 @@ impl TriangleMesh {
         }
         (low, high)
     }
-}
-
-/// Twice the area of a triangle relative to its longest edge squared at and below which it counts as having none. The
-/// cotangents of such a triangle exceed 1e8, which leaves fewer than eight of sixteen digits to its neighbours.
-pub const ZERO_AREA: f64 = 1e-8;
-
-/// Whether 2 area <= [`ZERO_AREA`] (longest edge)^2; also when all corners coincide. Free of overflow and underflow for
-/// all finite coordinates.
-pub fn is_zero_area([p, q, r]: [[f64; 3]; 3]) -> bool {
-    // Halved before they are subtracted, so that the difference of two large coordinates stays finite.
-    let edge = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|i| 0.5 * b[i] - 0.5 * a[i]);
-    let (mut u, mut v) = (edge(p, q), edge(p, r));
-    let size = u.iter().chain(&v).fold(0.0f64, |size, x| size.max(x.abs()));
-    // Outside of this range fourth powers of lengths leave the range of f64.
-    if !(1e-70..=1e70).contains(&size) {
-        if size == 0.0 {
-            return true;
-        }
-        u = u.map(|x| x / size);
-        v = v.map(|x| x / size);
-    }
-    let w = [0, 1, 2].map(|i| v[i] - u[i]);
-    let square = |a: [f64; 3]| a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
-    let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    let longest = square(u).max(square(v)).max(square(w));
-    square(normal) <= (ZERO_AREA * longest).powi(2)
 }
