@@ -199,7 +199,12 @@ fn corners(positions: &[[f64; 3]], triangle: [u32; 3]) -> [[f64; 3]; 3] {
 }
 
 /// Half cotangents of all triangles; returns those of zero area, ascending.
-fn measure(positions: &[[f64; 3]], triangles: &[[u32; 3]], weights: Weights, out: &mut [[f64; 3]]) -> Vec<u32> {
+fn measure(
+    positions: &[[f64; 3]],
+    triangles: &[[u32; 3]],
+    weights: Weights,
+    out: &mut [[f64; 3]],
+) -> Vec<u32> {
     const CHUNK: usize = 4096; // triangles: 100 KB of results, some 60 us of work
     let clamp = weights == Weights::ClampedPerCorner;
     let any_zero = out

@@ -24,6 +24,7 @@ pub mod poisson;
 pub mod range;
 pub mod registry;
 pub mod residual;
+pub mod rotation;
 pub mod sparse;
 pub mod system;
 pub mod topology;

@@ -41,8 +41,11 @@ pub fn shape(p: [Vector; 3]) -> Option<Shape> {
         return None;
     }
     let factor = -0.5 / double_area; // minus: the edges run round, u . v needs them both leaving the corner
-    let half_cotangents =
-        [factor * dot(edges[1], edges[2]), factor * dot(edges[2], edges[0]), factor * dot(edges[0], edges[1])];
+    let half_cotangents = [
+        factor * dot(edges[1], edges[2]),
+        factor * dot(edges[2], edges[0]),
+        factor * dot(edges[0], edges[1]),
+    ];
     Some(Shape { half_cotangents, double_area })
 }
 
@@ -89,7 +92,8 @@ mod tests {
     #[test]
     fn zero_area_means_a_height_below_1e_8_of_the_longest_edge() {
         for size in [1.0, 1e-300, 1e300] {
-            let with_height = |h: f64| shape([[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.5 * size, h * size, 0.0]]);
+            let with_height =
+                |h: f64| shape([[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.5 * size, h * size, 0.0]]);
             assert_eq!(with_height(0.99e-8), None);
             assert!(with_height(1.01e-8).is_some());
             assert_eq!(shape([[size; 3]; 3]), None);
@@ -105,7 +109,10 @@ mod tests {
             assert_eq!(scaled.half_cotangents, reference.half_cotangents, "2^{exponent}");
         }
         let s = 2f64.powi(400);
-        assert_eq!(shape(p.map(|q| q.map(|x| x * s))).map(|r| r.double_area), Some(reference.double_area * s * s));
+        assert_eq!(
+            shape(p.map(|q| q.map(|x| x * s))).map(|r| r.double_area),
+            Some(reference.double_area * s * s)
+        );
     }
 
     #[test]

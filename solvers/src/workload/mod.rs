@@ -1,4 +1,11 @@
 //! What is solved, from the two papers: each workload turns a mesh into systems and right-hand sides, generic over the
 //! [`crate::backend`] traits.
 
+pub mod harmonic;
+pub mod kharmonic;
+pub mod matrix;
+pub mod sampling;
+pub mod screened;
 pub mod transfer;
+pub mod twist;
+pub mod vertex_system;

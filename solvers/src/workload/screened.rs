@@ -1,0 +1,57 @@
+//! `screened`: (M + t L) u = M f, smoothing by an implicit step of heat flow; t makes the ladder of conditioning.
+//!
+//! t = tau mean(M_ii) / mean(L_ii), so that tau means the same on every mesh: 1e-4 is nearly the mass matrix alone, 1e6
+//! nearly the singular Laplacian. M is the lumped Voronoi mass.
+
+use super::vertex_system::VertexSystem;
+use crate::columns::Columns;
+use crate::mesh::TriangleMesh;
+use crate::sparse::SymmetricCsr;
+use crate::system::SystemError;
+
+/// tau where nothing else is asked.
+pub const DEFAULT_TAU: f64 = 1.0;
+
+/// M + t L over the vertices that have a mass, t as above. Cost: one pass over L.
+///
+/// # Errors
+/// [`SystemError`] where the sum is not acceptable.
+///
+/// # Panics
+/// If the shapes do not fit.
+pub fn system(
+    mesh: &TriangleMesh,
+    laplacian: &SymmetricCsr,
+    mass: &[f64],
+    tau: f64,
+) -> Result<VertexSystem, SystemError> {
+    assert_eq!(
+        (laplacian.n(), mass.len()),
+        (mesh.positions().len(), mesh.positions().len()),
+        "one row per vertex"
+    );
+    let stiffness: f64 = (0..laplacian.n()).map(|i| laplacian.diagonal(i)).sum();
+    let t = tau * mass.iter().sum::<f64>() / stiffness; // the numbers of vertices cancel
+    let mut matrix = laplacian.clone();
+    matrix.values_mut().iter_mut().for_each(|v| *v *= t);
+    add_diagonal(&mut matrix, mass);
+    VertexSystem::new(matrix, mesh.positions())
+}
+
+/// M f on the rows of `system`; `f` is n x k over all vertices.
+pub fn right_hand_side(system: &VertexSystem, mass: &[f64], f: Columns<&[f64]>) -> Vec<f64> {
+    let k = f.k();
+    let mut b = system.gather(f);
+    for (row, &v) in b.chunks_mut(k).zip(system.vertices()) {
+        row.iter_mut().for_each(|x| *x *= mass[v as usize]);
+    }
+    b
+}
+
+/// A + diag(d).
+pub(super) fn add_diagonal(matrix: &mut SymmetricCsr, diagonal: &[f64]) {
+    let (starts, _, values) = matrix.parts_mut();
+    for (&start, d) in starts.iter().zip(diagonal) {
+        values[start as usize] += d;
+    }
+}
