@@ -8,6 +8,7 @@
 
 mod builder;
 mod gltf;
+pub mod matrix_market;
 mod note;
 pub mod npy;
 mod obj;
