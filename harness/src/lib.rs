@@ -20,5 +20,6 @@ pub mod render;
 pub mod shapes;
 pub mod statistics;
 pub mod vector;
+pub mod subdivision;
 
 pub use cmd::main_with;

@@ -4,6 +4,8 @@ use std::path::Path;
 
 use lapbench::mesh_io::{self, Finding};
 use lapbench::mesh_source::load;
+use lapbench::subdivision::Subdivision;
+use lapsolve::topology::Topology;
 use tests::needs;
 
 /// Triangles, vertices, components, boundary edges, boundary loops, zero-area triangles, non-manifold edges and
@@ -122,4 +124,21 @@ fn a_wrong_extension_is_noted_and_does_no_harm() {
         assert_eq!(loaded.mesh.triangles().len(), 7_798);
         assert_eq!(loaded.notes[0].finding, Finding::OtherExtension);
     }
+}
+
+#[test]
+fn samba_twice_subdivided_is_closed_smooth_and_its_frames_follow() {
+    let Some(data) = needs::data() else { return };
+    let samba = mesh_io::read_mesh(&data.join("sequences/samba.ply")).unwrap().mesh;
+    let frames = mesh_io::npy::read_frames(&data.join("sequences/samba_frames.npy"), 9_971).unwrap();
+    let fine = Subdivision::new(&samba, 2).unwrap();
+    assert_eq!((fine.mesh().triangles().len(), fine.mesh().positions().len()), (319_008, 159_506));
+    let topology = Topology::of(fine.mesh());
+    assert!(topology.is_closed() && topology.is_manifold());
+    assert_eq!((topology.components, topology.clashing_edges.count), (1, 0));
+    assert_eq!(fine.apply(frames.frame(0)), fine.mesh().positions());
+    // The centre of mass of the vertices moves with the dancer, whatever the number of vertices.
+    let mean = |p: &[[f64; 3]]| p.iter().map(|p| p[1]).sum::<f64>() / p.len() as f64;
+    let moved = fine.apply(frames.frame(80));
+    assert!((mean(&moved) - mean(frames.frame(80))).abs() < 0.02 * samba.diagonal());
 }
