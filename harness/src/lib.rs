@@ -19,7 +19,7 @@ pub mod record;
 pub mod render;
 pub mod shapes;
 pub mod statistics;
-pub mod vector;
 pub mod subdivision;
+pub mod vector;
 
 pub use cmd::main_with;
