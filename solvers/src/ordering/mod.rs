@@ -3,13 +3,19 @@
 //! [`minimum_degree`] is cheap and good for small or long graphs; [`nested_dissection`] fills less on surfaces and
 //! gives the tree of independent subtrees that a parallel factorisation and a parallel solve need. Both look at the
 //! graph alone: positions are not needed. [`Pattern`] says what an order costs before any number is factored.
+mod bisect;
+mod coarsen;
+mod dissect;
 mod fill;
 mod graph;
+mod leaf;
 mod minimum_degree;
+mod refine;
 #[cfg(test)]
 mod tests;
 mod tree;
 
+pub use dissect::nested_dissection;
 pub use fill::{Fill, NONE, Pattern, inverse, postorder};
 pub use graph::Graph;
 pub use tree::{DissectionTree, TreeNode};

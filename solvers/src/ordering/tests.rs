@@ -155,3 +155,77 @@ fn awkward_graphs_are_ordered() {
     let (_, star) = &awkward()[3];
     assert_eq!(minimum_degree(star).fill(star).entries, 2 * 3000 - 1);
 }
+
+/// Every node's range is covered by its children and its own part; no edge joins two children's ranges.
+fn assert_tree(graph: &Graph, ordering: &Ordering) {
+    let nodes = ordering.tree.nodes();
+    let root = ordering.tree.root();
+    assert_eq!((root.first, root.end), (0, graph.n() as u32));
+    let mut leaf_or_separator = vec![usize::MAX; graph.n()];
+    for (t, node) in nodes.iter().enumerate() {
+        assert!(node.first <= node.own && node.own <= node.end);
+        if let Some([a, b]) = node.children {
+            assert!((a as usize) < t && (b as usize) < t);
+            let (a, b) = (nodes[a as usize], nodes[b as usize]);
+            assert_eq!((a.first, a.end, b.end), (node.first, b.first, node.own));
+        } else {
+            assert_eq!(node.first, node.own);
+        }
+        leaf_or_separator[node.own as usize..node.end as usize].fill(t);
+    }
+    assert!(!leaf_or_separator.contains(&usize::MAX));
+    let position = inverse(&ordering.order);
+    for v in 0..graph.n() as u32 {
+        for &w in graph.neighbours(v) {
+            let (low, high) = (position[v as usize], position[w as usize]);
+            let above = nodes[leaf_or_separator[low.max(high) as usize]];
+            assert!(above.first <= low.min(high), "edge {v} - {w} joins two separated parts");
+        }
+    }
+}
+
+proptest! {
+    #[test]
+    fn separators_separate(graph in graphs()) {
+        let ordering = nested_dissection(&graph);
+        assert_permutation(&ordering.order, graph.n());
+        assert_tree(&graph, &ordering);
+    }
+}
+
+#[test]
+fn awkward_graphs_are_dissected() {
+    for (name, graph) in awkward() {
+        println!("{name}");
+        let ordering = nested_dissection(&graph);
+        assert_permutation(&ordering.order, graph.n());
+        assert_tree(&graph, &ordering);
+    }
+}
+
+#[test]
+fn dissection_of_a_grid_is_deep_and_no_worse_than_minimum_degree() {
+    let grid = grid(150);
+    let ordering = nested_dissection(&grid);
+    assert_tree(&grid, &ordering);
+    assert!(ordering.tree.nodes().len() > 100);
+    let (ours, other) = (ordering.fill(&grid), minimum_degree(&grid).fill(&grid));
+    // Minimum degree is at its best on small regular grids; on them the two are close.
+    assert!(10 * ours.entries < 11 * other.entries, "{ours:?} {other:?}");
+    // The root separator of a square is about one side long.
+    let root = ordering.tree.root();
+    assert!(root.end - root.own < 200, "{root:?}");
+}
+
+#[test]
+fn dissection_does_not_depend_on_the_number_of_threads() {
+    let grid = grid(120);
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a small pool");
+        pool.install(|| nested_dissection(&grid))
+    };
+    let one = with(1);
+    for threads in [2, 3, 8] {
+        assert_eq!(one, with(threads));
+    }
+}

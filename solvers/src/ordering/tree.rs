@@ -29,6 +29,11 @@ impl DissectionTree {
         Self { nodes: vec![TreeNode { first: 0, own: 0, end: n, children: None }] }
     }
 
+    /// Takes nodes with children before parents, the root last.
+    pub(super) fn from_postorder(nodes: Vec<TreeNode>) -> Self {
+        Self { nodes }
+    }
+
     /// All nodes, children before parents.
     pub fn nodes(&self) -> &[TreeNode] {
         &self.nodes
