@@ -15,6 +15,7 @@ pub mod dirichlet;
 pub mod error;
 pub mod incidence;
 pub mod intrinsic;
+pub mod isa;
 pub mod laplacian;
 pub mod limits;
 pub mod mass;

@@ -4,6 +4,7 @@ pub mod cg;
 pub mod dense;
 #[cfg(feature = "faer")]
 pub mod faer;
+pub mod framechol;
 #[cfg(feature = "nalgebra")]
 pub mod nalgebra;
 #[cfg(any(feature = "nalgebra", feature = "sprs-ldl"))]

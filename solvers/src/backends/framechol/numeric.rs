@@ -1,0 +1,208 @@
+//! Numeric factorisation: multifrontal Cholesky over the supernodes of a part.
+//!
+//! Supernode after supernode in postorder: the front collects the matrix entries and the update matrices of the
+//! children, its pivots are eliminated, the panel is packed for the sweeps, and the update matrix goes to the parent by
+//! way of a stack (J. W. H. Liu, "The multifrontal method for sparse matrix solution", SIAM Review 34, 1992). All in f64;
+//! all memory is allocated once.
+use super::front::{BLOCK, factor_panel, update_block, update_rest};
+use super::panels::{Panels, STRIP};
+use super::symbolic::Part;
+use crate::isa::{Features, Kernel, Real};
+
+/// Memory of one thread's factorisation.
+pub struct Workspace {
+    panel: Vec<f64>,
+    update: Vec<f64>,
+    stack: Vec<f64>,
+    /// Where the update matrix of each supernode lies in the stack.
+    place: Vec<usize>,
+    /// Supernodes whose update matrix waits for its parent.
+    waiting: Vec<u32>,
+    /// Front slot of every local row of the front at hand.
+    slot: Vec<u32>,
+    /// For each row of the child at hand: place of its row in panel and update matrix, and of its column.
+    targets: Vec<Target>,
+    /// Scratch for inverted pivot blocks.
+    inverse: Vec<f64>,
+}
+
+/// Where a row of a child goes in its parent's front.
+#[derive(Clone, Copy, Default)]
+struct Target {
+    /// Place of (row, column 0) in the panel.
+    panel: usize,
+    /// Place of (row, column 0) in the update matrix; unused for a pivot.
+    update: usize,
+    /// Eight times its column, in the panel for a pivot, else in the update matrix.
+    column: usize,
+}
+
+/// Elimination met a pivot that is not positive and finite.
+#[derive(Clone, Copy, Debug)]
+pub struct Breakdown {
+    /// Elimination position.
+    pub position: u32,
+    /// The pivot.
+    pub pivot: f64,
+}
+
+impl Workspace {
+    /// Sizes everything for `part`.
+    pub fn new(part: &Part) -> Self {
+        let shapes = || (0..part.len()).map(|s| part.shape(s));
+        let mut place = vec![0; part.len()];
+        let mut waiting: Vec<u32> = Vec::new();
+        let (mut end, mut peak, mut depth) = (0, 0, 0);
+        for s in 0..part.len() {
+            for _ in 0..part.children[s] {
+                end = place[waiting.pop().expect("children come before parents") as usize];
+            }
+            place[s] = end;
+            end += part.shape(s).update_len();
+            waiting.push(s as u32);
+            peak = peak.max(end);
+            depth = depth.max(waiting.len());
+        }
+        Self {
+            panel: vec![0.0; shapes().map(|f| f.panel_len()).max().unwrap_or(0)],
+            update: vec![0.0; shapes().map(|f| f.update_len()).max().unwrap_or(0)],
+            stack: vec![0.0; peak],
+            place,
+            waiting: Vec::with_capacity(depth),
+            slot: vec![0; part.slab as usize],
+            targets: vec![Target::default(); shapes().map(|f| f.width + f.below).max().unwrap_or(0)],
+            inverse: vec![0.0; STRIP * STRIP],
+        }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> u64 {
+        let numbers = self.panel.len() + self.update.len() + self.stack.len() + self.inverse.len();
+        (8 * numbers + 8 * self.place.len() + 4 * self.slot.len() + size_of_val(&self.targets[..])) as u64
+    }
+
+    /// The update matrix of supernode `s`, if it is still waiting.
+    fn waiting_update(&self, part: &Part, s: usize) -> &[f64] {
+        &self.stack[self.place[s]..][..part.shape(s).update_len()]
+    }
+}
+
+/// The factorisation of one part.
+pub struct FactorPart<'a, T> {
+    /// Its supernodes.
+    pub part: &'a Part,
+    /// Values of the matrix, by stored entry.
+    pub values: &'a [f64],
+    /// Parts whose roots hang below this one, with their workspaces; for the top.
+    pub below: &'a [(&'a Part, &'a Workspace)],
+    /// Memory.
+    pub work: &'a mut Workspace,
+    /// Where the factor goes.
+    pub out: &'a mut Panels<T>,
+}
+
+impl<T: Real> Kernel for FactorPart<'_, T> {
+    type Output = Result<(), Breakdown>;
+
+    #[inline(always)]
+    fn run<F: Features>(self) -> Self::Output {
+        let Self { part, values, below, work, out } = self;
+        work.waiting.clear();
+        for s in 0..part.len() {
+            work.assemble(part, s, values);
+            work.add_children(part, s, below);
+            let shape = part.shape(s);
+            let panel = &mut work.panel[..shape.panel_len()];
+            factor_panel::<F>(shape, panel).map_err(|(j, pivot)| Breakdown {
+                position: part.first_position + (part.starts[s] - part.first_local) + j as u32,
+                pivot,
+            })?;
+            let place = &mut work.stack[work.place[s]..][..shape.update_len()];
+            update_rest::<F>(shape, panel, &work.update[..shape.update_len()], place);
+            work.waiting.push(s as u32);
+            out.store::<F>(s, shape, panel, &mut work.inverse);
+        }
+        Ok(())
+    }
+}
+
+impl Workspace {
+    /// Clears the front of supernode `s`, enters its matrix entries and numbers its rows.
+    fn assemble(&mut self, part: &Part, s: usize, values: &[f64]) {
+        let shape = part.shape(s);
+        self.panel[..shape.panel_len()].fill(0.0);
+        self.update[..shape.update_len()].fill(0.0);
+        for &(source, place) in
+            &part.entries[part.entry_starts[s] as usize..part.entry_starts[s + 1] as usize]
+        {
+            self.panel[place as usize] = values[source as usize];
+        }
+        for (slot, row) in (part.starts[s]..part.starts[s + 1]).enumerate() {
+            self.slot[row as usize] = slot as u32;
+        }
+        let base = (shape.pivot_blocks() * BLOCK) as u32;
+        for (slot, &row) in part.rows(s).iter().enumerate() {
+            self.slot[row as usize] = base + slot as u32;
+        }
+    }
+
+    /// Adds the update matrices of all children of `s`.
+    fn add_children(&mut self, part: &Part, s: usize, below: &[(&Part, &Self)]) {
+        for _ in 0..part.children[s] {
+            let c = self.waiting.pop().expect("children come before parents") as usize;
+            let rows = part.rows(c);
+            let pivots = self.aim(part, s, rows, 0);
+            let update = &self.stack[self.place[c]..][..part.shape(c).update_len()];
+            add_update(update, &self.targets[..rows.len()], pivots, &mut self.panel, &mut self.update);
+        }
+        for &(from, c) in part.adopted.get(s).map_or(&[][..], |list| &list[..]) {
+            let (other, work) = below[from as usize];
+            let rows = other.rows(c as usize);
+            // A root's rows all belong to the top, which both parts number consecutively.
+            let shift = part.first_local.wrapping_sub(other.pivots() as u32);
+            let pivots = self.aim(part, s, rows, shift);
+            let update = work.waiting_update(other, c as usize);
+            add_update(update, &self.targets[..rows.len()], pivots, &mut self.panel, &mut self.update);
+        }
+    }
+
+    /// Finds the targets of a child's rows (local number: `row + shift`, wrapping) in the front of `s`; returns how many
+    /// of them are pivots there. Rows ascend, so these come first.
+    fn aim(&mut self, part: &Part, s: usize, rows: &[u32], shift: u32) -> usize {
+        let shape = part.shape(s);
+        let base = shape.pivot_blocks() * BLOCK;
+        let mut pivots = 0;
+        for (target, &row) in self.targets.iter_mut().zip(rows) {
+            let slot = self.slot[row.wrapping_add(shift) as usize] as usize;
+            let panel = shape.panel_index(slot, 0);
+            *target = if slot < base {
+                pivots += 1;
+                Target { panel, update: 0, column: BLOCK * slot }
+            } else {
+                let row = slot - base;
+                Target { panel, update: update_block(row / BLOCK) + row % BLOCK, column: BLOCK * row }
+            };
+        }
+        pivots
+    }
+}
+
+/// Adds the lower triangle of a child's update matrix to its parent's front; the first `pivots` rows are pivots there.
+fn add_update(from: &[f64], targets: &[Target], pivots: usize, panel: &mut [f64], update: &mut [f64]) {
+    for (b, rows) in targets.chunks(BLOCK).enumerate() {
+        let columns = from[update_block(b)..].as_chunks::<BLOCK>().0;
+        for (j, column) in columns[..b * BLOCK + rows.len()].iter().enumerate() {
+            let start = j.saturating_sub(b * BLOCK); // the diagonal tile counts from its diagonal on
+            let to = targets[j].column;
+            if j < pivots {
+                for (row, v) in rows[start..].iter().zip(&column[start..]) {
+                    panel[row.panel + to] += v;
+                }
+            } else {
+                for (row, v) in rows[start..].iter().zip(&column[start..]) {
+                    update[row.update + to] += v;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! The factor as the sweeps read it: packed panels.
+//!
+//! A supernode is cut into strips of at most [`STRIP`] pivots; each strip is a **panel**. With S the Schur complement of
+//! the strip's pivots (its pivot block when its turn comes) and F the rows below, a panel holds the two matrices of the
+//! block factorisation A = (I + M) S (I + M)^T:
+//! - `diagonal`: S^-1, width x width, read once per solve;
+//! - `values`: M = F S^-1, rows below x width, read once by each sweep.
+//!
+//! So neither sweep ever waits for a triangular solve; both are products with dense blocks. Rows come in blocks of eight,
+//! each block column after column, eight numbers per column; a last block of t < 8 rows has t numbers per column, so
+//! that nothing is padded.
+use super::front::{BLOCK, FrontShape, inverse_tile, invert_pivots, multiply_by_inverse};
+use super::symbolic::Part;
+use crate::isa::{Features, Real};
+
+/// Most pivots of a panel. Wider ones read no fewer bytes (S^-1 is a full square), cost width^3 to invert, and lose
+/// accuracy when stored in f32.
+pub const STRIP: usize = 64;
+
+/// Place and size of one panel.
+#[derive(Clone, Copy, Debug)]
+pub struct Panel {
+    /// Local number of the first pivot; the others follow.
+    pub first: u32,
+    /// Number of pivots.
+    pub width: u32,
+    /// Start of its rows below in [`Panels::rows`].
+    pub rows: u32,
+    /// Number of rows below.
+    pub below: u32,
+    /// Start in [`Panels::values`].
+    pub values: usize,
+    /// Start in [`Panels::diagonal`].
+    pub diagonal: usize,
+}
+
+impl Panel {
+    /// Its range in [`Panels::rows`].
+    #[inline(always)]
+    pub fn rows(&self) -> std::ops::Range<usize> {
+        self.rows as usize..(self.rows + self.below) as usize
+    }
+
+    /// Its range in [`Panels::values`].
+    #[inline(always)]
+    pub fn values(&self) -> std::ops::Range<usize> {
+        self.values..self.values + self.width as usize * self.below as usize
+    }
+
+    /// Its range in [`Panels::diagonal`].
+    #[inline(always)]
+    pub fn diagonal(&self) -> std::ops::Range<usize> {
+        self.diagonal..self.diagonal + self.width as usize * self.width as usize
+    }
+}
+
+/// The panels of one part in elimination order, with numbers in T.
+pub struct Panels<T> {
+    /// Every panel, children before parents.
+    pub list: Vec<Panel>,
+    /// Rows below, panel after panel, as local numbers.
+    pub rows: Vec<u32>,
+    /// M of every panel.
+    pub values: Vec<T>,
+    /// S^-1 of every panel.
+    pub diagonal: Vec<T>,
+    /// Panels of supernode s: `list[starts[s]..starts[s + 1]]`.
+    starts: Vec<u32>,
+}
+
+impl<T: Real> Panels<T> {
+    /// Room for the factor of `part`, all zero.
+    pub fn new(part: &Part) -> Self {
+        let (mut list, mut rows, mut starts) = (Vec::new(), Vec::new(), vec![0]);
+        let (mut values, mut diagonal) = (0, 0);
+        for s in 0..part.len() {
+            let (first, end) = (part.starts[s], part.starts[s + 1]);
+            for (from, width) in strips(part.shape(s).width) {
+                let start = first + from as u32;
+                let row_start = rows.len() as u32;
+                rows.extend(start + width as u32..end);
+                rows.extend_from_slice(part.rows(s));
+                let below = rows.len() as u32 - row_start;
+                list.push(Panel {
+                    first: start,
+                    width: width as u32,
+                    rows: row_start,
+                    below,
+                    values,
+                    diagonal,
+                });
+                values += width * below as usize;
+                diagonal += width * width;
+            }
+            starts.push(list.len() as u32);
+        }
+        let (values, diagonal) = (vec![T::default(); values], vec![T::default(); diagonal]);
+        Self { list, rows, values, diagonal, starts }
+    }
+
+    /// Bytes of the panels: numbers, row indices and headers.
+    pub fn bytes(&self) -> u64 {
+        let numbers = size_of_val(&self.values[..]) + size_of_val(&self.diagonal[..]);
+        (numbers + size_of_val(&self.rows[..]) + size_of_val(&self.list[..])) as u64
+    }
+
+    /// Bytes that a forward and a backward sweep read: everything twice, S^-1 once.
+    pub fn bytes_per_solve(&self) -> u64 {
+        2 * self.bytes() - size_of_val(&self.diagonal[..]) as u64
+    }
+
+    /// Stores supernode `s` from its factored panel. `x`: scratch of `STRIP^2` numbers.
+    #[inline(always)]
+    pub fn store<F: Features>(&mut self, s: usize, shape: FrontShape, panel: &[f64], x: &mut [f64]) {
+        for at in self.starts[s] as usize..self.starts[s + 1] as usize {
+            let strip = self.list[at];
+            let width = strip.width as usize;
+            let from = (strip.first - self.list[self.starts[s] as usize].first) as usize;
+            invert_pivots::<F>(shape, panel, from, width, x);
+            store_inverse::<F, T>(x, width, &mut self.diagonal[strip.diagonal()]);
+            store_below::<F, T>(shape, panel, from, width, x, &mut self.values[strip.values()]);
+        }
+    }
+}
+
+/// Cuts `width` pivots into nearly equal strips, all but the last a multiple of [`BLOCK`]: (first pivot, width) each.
+fn strips(width: usize) -> impl Iterator<Item = (usize, usize)> {
+    let count = width.div_ceil(STRIP);
+    let step = width.div_ceil(count).next_multiple_of(BLOCK);
+    (0..count)
+        .map(move |i| (i * step, step))
+        .filter(move |s| s.0 < width)
+        .map(move |(from, step)| (from, step.min(width - from)))
+}
+
+/// Writes S^-1 = X^T X as rows in blocks of eight.
+#[inline(always)]
+fn store_inverse<F: Features, T: Real>(x: &[f64], width: usize, out: &mut [T]) {
+    for b in 0..width.div_ceil(BLOCK) {
+        let lanes = BLOCK.min(width - b * BLOCK);
+        let rows = &mut out[b * BLOCK * width..][..lanes * width];
+        for c in 0..width.div_ceil(BLOCK) {
+            let tile = inverse_tile::<F>(x, width, b, c);
+            let columns = BLOCK.min(width - c * BLOCK);
+            for j in 0..columns {
+                let to = &mut rows[(c * BLOCK + j) * lanes..][..lanes];
+                to.iter_mut().zip(&tile[j]).for_each(|(to, &v)| *to = T::from_f64(v));
+            }
+        }
+    }
+}
+
+/// Writes M = L21 X for the rows below the strip: the supernode's later pivots, then its rows below.
+#[inline(always)]
+fn store_below<F: Features, T: Real>(
+    shape: FrontShape,
+    panel: &[f64],
+    from: usize,
+    width: usize,
+    x: &[f64],
+    out: &mut [T],
+) {
+    let rows = out.len() / width;
+    let block_len = shape.width * BLOCK;
+    let end = from + width;
+    let mut row = 0; // first row of the block at hand among the strip's rows
+    for b in end.div_ceil(BLOCK)..shape.pivot_blocks() + shape.below_blocks() {
+        let last =
+            if b < shape.pivot_blocks() { shape.width } else { shape.pivot_blocks() * BLOCK + shape.below };
+        let lanes = BLOCK.min(last - b * BLOCK);
+        let l = &panel[b * block_len + from * BLOCK..][..width * BLOCK];
+        for c in 0..width.div_ceil(BLOCK) {
+            let tile = multiply_by_inverse::<F>(l, x, width, c);
+            let columns = c * BLOCK..width.min((c + 1) * BLOCK);
+            for (j, column) in columns.zip(&tile) {
+                put(out, rows, width, row, j, &column[..lanes]);
+            }
+        }
+        row += lanes;
+    }
+    debug_assert_eq!(row, rows);
+}
+
+/// Writes consecutive rows of column `j`, from `row` on, into blocks of eight rows.
+#[inline(always)]
+fn put<T: Real>(out: &mut [T], rows: usize, width: usize, row: usize, j: usize, column: &[f64]) {
+    for (i, &v) in column.iter().enumerate() {
+        let (block, lane) = ((row + i) / BLOCK, (row + i) % BLOCK);
+        let lanes = BLOCK.min(rows - block * BLOCK);
+        out[block * BLOCK * width + j * lanes + lane] = T::from_f64(v);
+    }
+}

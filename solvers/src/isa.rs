@@ -1,0 +1,172 @@
+//! Run-time choice of the instruction set: one kernel text, compiled once for each.
+//!
+//! Kernels are plain safe Rust over small arrays (`[f64; 4]`, `[f64; 8]`); compiled with the right target features such
+//! an array is one vector register. On aarch64 NEON is part of the base architecture, so the portable compilation is
+//! the NEON one.
+
+/// An instruction set that this machine has and kernels are compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Isa {
+    /// What the target guarantees: SSE2 on x86-64, NEON on aarch64.
+    Portable,
+    /// AVX2 and FMA: 256-bit vectors.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// AVX-512 F, VL, DQ and BW: 512-bit vectors and 32 registers.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+/// What a kernel may count on, known while it is compiled.
+pub trait Features {
+    /// Whether `mul_add` is one instruction; elsewhere it is a slow library call.
+    const FMA: bool;
+    /// Whether 16 registers of 8 doubles fit: decides how large tiles of dense kernels are.
+    const WIDE: bool;
+}
+
+/// A computation to be compiled for every instruction set.
+///
+/// `run` must be `#[inline(always)]`, and so must everything it calls that is to use the vectors.
+pub trait Kernel {
+    /// What it returns.
+    type Output;
+    /// Runs under the features `F`.
+    fn run<F: Features>(self) -> Self::Output;
+}
+
+/// a * b + c, fused where that is fast.
+#[inline(always)]
+pub fn multiply_add<F: Features, T: Real>(a: T, b: T, c: T) -> T {
+    if F::FMA { a.fused(b, c) } else { a * b + c }
+}
+
+/// f32 or f64.
+pub trait Real:
+    Copy
+    + Default
+    + Send
+    + Sync
+    + PartialEq
+    + std::fmt::Debug
+    + std::ops::Add<Output = Self>
+    + std::ops::Sub<Output = Self>
+    + std::ops::Mul<Output = Self>
+    + std::ops::Neg<Output = Self>
+    + std::ops::AddAssign
+    + 'static
+{
+    /// Rounds to this type.
+    fn from_f64(x: f64) -> Self;
+    /// Exact.
+    fn to_f64(self) -> f64;
+    /// self * b + c with one rounding.
+    fn fused(self, b: Self, c: Self) -> Self;
+}
+
+macro_rules! real {
+    ($t:ty) => {
+        impl Real for $t {
+            #[inline(always)]
+            fn from_f64(x: f64) -> Self {
+                x as Self
+            }
+            #[inline(always)]
+            fn to_f64(self) -> f64 {
+                f64::from(self)
+            }
+            #[inline(always)]
+            fn fused(self, b: Self, c: Self) -> Self {
+                self.mul_add(b, c)
+            }
+        }
+    };
+}
+real!(f32);
+real!(f64);
+
+struct Base;
+impl Features for Base {
+    const FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
+    const WIDE: bool = false;
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{Features, Kernel};
+
+    pub struct WithAvx2;
+    impl Features for WithAvx2 {
+        const FMA: bool = true;
+        const WIDE: bool = false;
+    }
+
+    pub struct WithAvx512;
+    impl Features for WithAvx512 {
+        const FMA: bool = true;
+        const WIDE: bool = true;
+    }
+
+    #[target_feature(enable = "avx2,fma")]
+    pub fn avx2<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run::<WithAvx2>()
+    }
+
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
+    pub fn avx512<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run::<WithAvx512>()
+    }
+}
+
+impl Isa {
+    /// Every instruction set that this machine has, the best one last.
+    pub fn available() -> Vec<Self> {
+        #[allow(unused_mut)]
+        let mut sets = vec![Self::Portable];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+                sets.push(Self::Avx2);
+                let avx512 = is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512bw");
+                if avx512 {
+                    sets.push(Self::Avx512);
+                }
+            }
+        }
+        sets
+    }
+
+    /// The best instruction set of this machine.
+    pub fn best() -> Self {
+        *Self::available().last().expect("the portable set is always there")
+    }
+
+    /// Its name, for records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Portable if cfg!(target_arch = "aarch64") => "neon",
+            Self::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => "avx512",
+        }
+    }
+
+    /// Runs `kernel` compiled for this instruction set.
+    #[inline]
+    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        match self {
+            Self::Portable => kernel.run::<Base>(),
+            // SAFETY: `Avx2` and `Avx512` come from `available`, which has seen their features on this machine.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => unsafe { x86::avx2(kernel) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => unsafe { x86::avx512(kernel) },
+        }
+    }
+}
