@@ -179,14 +179,14 @@ fn arms(p: &Proportions, joints: &Joints) -> Vec<Part> {
 fn legs(p: &Proportions, joints: &Joints) -> Vec<Part> {
     let [hip, _, ankle, toes] = joints.leg;
     let leg = Frame::looking(hip, ankle, [0.0, 0.0, 1.0]);
-    let heel = [ankle[0] - p.one(0.9), 0.0, p.one(-7.5)];
+    let heel = [ankle[0] - p.one(0.9), 0.0, p.one(-6.3)];
     let foot = Frame::looking(heel, [toes[0], 0.0, toes[2]], [0.0, 1.0, 0.0]);
     let part = |loft, detail, blend| {
         both(Part { loft, operation: Operation::Join, blend: p.one(blend), chain: Chain::LeftLeg, detail })
     };
     [
         part(limb(p, leg, norm(sub(ankle, hip)), LEG, [7.0, 3.5]), 0.9, 6.0),
-        part(limb(p, foot, p.of([26.5, 25.0]), FOOT, [2.2, 1.6]), 0.65, 3.5),
+        part(limb(p, foot, p.of([22.6, 21.6]), FOOT, [2.2, 1.6]), 0.65, 3.5),
     ]
     .concat()
 }

@@ -12,18 +12,26 @@
 
 mod anatomy;
 mod build;
+mod correspondences;
+mod gait;
 mod half_edges;
 mod jet;
 mod loft;
 mod order;
 mod polygonise;
+pub mod pose;
 mod random;
 mod remesh;
 mod skeleton;
 mod surface;
+mod walk;
+mod weights;
 
 pub use build::Build;
+pub use correspondences::correspondences;
 pub use skeleton::{Bone, Skeleton};
+pub use walk::{Walk, walk};
+pub use weights::BONES;
 
 use build::Proportions;
 use half_edges::HalfEdges;
@@ -37,7 +45,7 @@ pub const TRIANGLES: std::ops::RangeInclusive<usize> = 1_000..=2_000_000;
 /// them.
 const SPACING: f64 = 0.0125;
 
-/// A human body in its reference pose.
+/// A human body in its reference pose; [`Body::new`] makes it.
 #[derive(Clone, Debug)]
 pub struct Body {
     /// Which one.

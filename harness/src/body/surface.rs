@@ -1,9 +1,9 @@
 //! The surface of a body: the zero set of a smooth union of its parts, standing on the ground.
 
-use super::anatomy::{Operation, Part, parts};
+use super::anatomy::{Chain, Operation, Part, parts};
 use super::build::Proportions;
 use super::jet::{Jet, smooth_min};
-use crate::vector::{Vector, add_scaled, dot};
+use crate::vector::{Vector, add_scaled, dot, normalize};
 
 /// Value far from every part, in metres.
 const FAR: f64 = 0.2;
@@ -46,9 +46,22 @@ impl Surface {
     /// Index of the part whose own surface is nearest: the part that p belongs to.
     pub(super) fn owner(&self, p: Vector) -> Option<usize> {
         self.near(p)
-            .map(|(part, i)| (part.loft.distance(p).value, i))
+            .filter(|(part, _)| part.operation == Operation::Join)
+            .map(|(part, i)| (part.loft.distance(p).value.abs(), i))
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, i)| i)
+    }
+
+    /// Smallest distance to the parts of a chain.
+    pub(super) fn distance_to(&self, chain: Chain, p: Vector) -> f64 {
+        let joined = |part: &&Part| part.chain == chain && part.operation == Operation::Join;
+        let distances = self.parts.iter().filter(joined).map(|part| part.loft.distance(p).value);
+        distances.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Unit outward normal of the level set through p.
+    pub(super) fn normal(&self, p: Vector) -> Vector {
+        normalize(self.at(p).gradient)
     }
 
     /// Wanted edge length at p relative to the trunk's: that of the parts around, the nearer the more.
