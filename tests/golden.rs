@@ -56,7 +56,7 @@ fn number(value: &Value) -> f64 {
 /// Adds a line to `wrong` unless |ours - theirs| <= limit * scale; a NaN is always wrong.
 fn compare(wrong: &mut Vec<String>, what: String, ours: f64, theirs: f64, limit: f64, scale: f64) {
     let difference = (ours - theirs).abs();
-    if !(difference <= limit * scale) {
+    if difference.is_nan() || difference > limit * scale {
         wrong.push(format!(
             "{what}: {ours:e}, the reference has {theirs:e}, off by {:e} of {limit:e}",
             difference / scale
@@ -153,7 +153,7 @@ fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
                     moved[row[0] as usize][axis],
                     row[1 + axis],
                     ARAP_LIMIT,
-                    diagonal(mesh),
+                    mesh.diagonal(),
                 );
             }
         }
@@ -171,14 +171,6 @@ fn first_arap_iteration(mesh: &TriangleMesh, handles: &[Vec<f64>]) -> Vec<[f64; 
     let backend = registry::find("faer-llt").expect("a built-in backend");
     let field = harmonic(mesh, l, &vertices, &shifts, backend).expect("faer is a default feature");
     (0..x.len()).map(|v| std::array::from_fn(|axis| x[v][axis] + field[3 * v + axis])).collect()
-}
-
-fn diagonal(mesh: &TriangleMesh) -> f64 {
-    let side = |axis: usize| {
-        let along = || mesh.positions().iter().map(|x| x[axis]);
-        along().fold(f64::MIN, f64::max) - along().fold(f64::MAX, f64::min)
-    };
-    (0..3).map(|axis| side(axis).powi(2)).sum::<f64>().sqrt()
 }
 
 /// The field that is harmonic for `l` off `vertices`; `None`, with a line that says why, where the backend is not built in.

@@ -21,5 +21,6 @@ pub mod shapes;
 pub mod statistics;
 pub mod subdivision;
 pub mod vector;
+pub mod reference;
 
 pub use cmd::main_with;
