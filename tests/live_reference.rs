@@ -47,7 +47,8 @@ fn assert_agreement(path: &Path, agreements: &[Agreement]) {
 
 fn assert_agrees_with_igl(python: &Python, path: &Path) {
     let mesh = mesh(path);
-    let theirs = IglValues::compute(python, &mesh).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let theirs =
+        IglValues::compute(python, &mesh).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let (backend, limit) = solver();
     let agreements = igl::compare(&mesh, &theirs, backend.as_ref(), limit);
     assert_agreement(path, &agreements.unwrap_or_else(|error| panic!("{}: {error}", path.display())));
@@ -82,7 +83,8 @@ fn wrong_matrices_and_fields_disagree_with_igl() {
     assert!(!notices(l));
     for (what, factor) in [("sign", -1.0), ("full cotangents", 2.0), ("rounding to f32", 1.0 + 6e-8)] {
         let values = l.values().iter().map(|value| factor * value).collect();
-        let wrong = SymmetricCsr::new(l.row_starts().to_vec(), l.columns().to_vec(), values).expect("the same pattern");
+        let wrong = SymmetricCsr::new(l.row_starts().to_vec(), l.columns().to_vec(), values)
+            .expect("the same pattern");
         assert!(notices(&wrong), "{what} went unnoticed");
     }
     let mut field = theirs.field.clone();

@@ -16,11 +16,11 @@ pub mod mesh_io;
 pub mod mesh_source;
 pub mod process;
 pub mod record;
+pub mod reference;
 pub mod render;
 pub mod shapes;
 pub mod statistics;
 pub mod subdivision;
 pub mod vector;
-pub mod reference;
 
 pub use cmd::main_with;

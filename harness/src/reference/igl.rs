@@ -57,7 +57,11 @@ impl IglValues {
         let constraints = answer.array("constraints", None)?;
         let rows = constraints.chunks_exact(k + 1);
         Ok(Self {
-            laplacian: answer.array("laplacian", None)?.chunks_exact(3).map(|row| [row[0], row[1], row[2]]).collect(),
+            laplacian: answer
+                .array("laplacian", None)?
+                .chunks_exact(3)
+                .map(|row| [row[0], row[1], row[2]])
+                .collect(),
             barycentric: answer.array("mass_barycentric", Some(n))?,
             voronoi: answer.array("mass_voronoi", Some(n))?,
             constrained: rows.clone().map(|row| row[0] as u32).collect(),
@@ -185,7 +189,8 @@ impl Thinnest {
 fn smallest_angle(corners: [[f64; 3]; 3]) -> f64 {
     let angle = |c: usize| {
         let [p, q, r] = [corners[c], corners[(c + 1) % 3], corners[(c + 2) % 3]];
-        let (u, v): ([f64; 3], [f64; 3]) = (std::array::from_fn(|a| q[a] - p[a]), std::array::from_fn(|a| r[a] - p[a]));
+        let (u, v): ([f64; 3], [f64; 3]) =
+            (std::array::from_fn(|a| q[a] - p[a]), std::array::from_fn(|a| r[a] - p[a]));
         let cross: [f64; 3] =
             std::array::from_fn(|a| u[(a + 1) % 3] * v[(a + 2) % 3] - u[(a + 2) % 3] * v[(a + 1) % 3]);
         let dot: f64 = (0..3).map(|a| u[a] * v[a]).sum();
@@ -204,7 +209,10 @@ impl<'a> Union<'a> {
     fn new(l: &SymmetricCsr, theirs: &'a [[f64; 3]]) -> Self {
         let row = |i: usize| {
             let range = l.row_starts()[i] as usize..l.row_starts()[i + 1] as usize;
-            l.columns()[range.clone()].iter().zip(&l.values()[range]).map(move |(&j, &value)| (i as u32, j, value))
+            l.columns()[range.clone()]
+                .iter()
+                .zip(&l.values()[range])
+                .map(move |(&j, &value)| (i as u32, j, value))
         };
         let mut ours: Vec<_> = (0..l.n()).flat_map(row).collect();
         ours.reverse(); // taken from the end

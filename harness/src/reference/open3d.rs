@@ -23,7 +23,11 @@ const DEFORMED_LIMIT: f64 = 1e-9;
 ///
 /// # Errors
 /// [`ReferenceError`].
-pub fn compare_reading(python: &Python, path: &Path, ours: &TriangleMesh) -> Result<Vec<Agreement>, ReferenceError> {
+pub fn compare_reading(
+    python: &Python,
+    path: &Path,
+    ours: &TriangleMesh,
+) -> Result<Vec<Agreement>, ReferenceError> {
     let answer = python.run("open3d_reference.py", MeshFile::Path(path), |_| Ok(Vec::new()))?;
     let mut sizes = Agreement::new("sizes as read from the file", 0.0);
     let mut positions = Agreement::new("positions as read from the file", 0.0);
@@ -56,7 +60,8 @@ pub fn compare_deformation(
     targets: &[[f64; 3]],
     backend: &dyn Backend,
 ) -> Result<Agreement, CompareError> {
-    let rows: Vec<f64> = handles.iter().zip(targets).flat_map(|(&v, x)| [f64::from(v), x[0], x[1], x[2]]).collect();
+    let rows: Vec<f64> =
+        handles.iter().zip(targets).flat_map(|(&v, x)| [f64::from(v), x[0], x[1], x[2]]).collect();
     let answer = python.run("open3d_reference.py", MeshFile::Mesh(mesh), |folder| {
         let file = folder.join("handles.csv");
         table::write_columns(&file, &rows, 4)?;
@@ -67,7 +72,8 @@ pub fn compare_deformation(
     let x = mesh.positions();
     let l = Laplacian::assemble(mesh, Weights::ClampedPerEdge).into_matrix();
     let problem = Dirichlet::new(l, Some(x), handles)?;
-    let shift = |(&v, target): (&u32, &[f64; 3])| std::array::from_fn::<f64, 3, _>(|a| target[a] - x[v as usize][a]);
+    let shift =
+        |(&v, target): (&u32, &[f64; 3])| std::array::from_fn::<f64, 3, _>(|a| target[a] - x[v as usize][a]);
     let shifts: Vec<f64> = handles.iter().zip(targets).flat_map(shift).collect();
     let mut field = vec![0.0; 3 * x.len()];
     let mut handle = backend.prepare_harmonic(&problem, &PrepareOptions::columns(3), &mut |_| {})?;

@@ -70,10 +70,12 @@ impl Python {
         };
         match set("LAPBENCH_REFERENCE").or_else(cached) {
             Some(interpreter) if interpreter.exists() => Ok(Self::at(interpreter)),
-            Some(interpreter) => {
-                Err(ReferenceError::Unavailable { looked: format!("{} does not exist", interpreter.display()) })
-            }
-            None => Err(ReferenceError::Unavailable { looked: "neither LAPBENCH_REFERENCE nor HOME is set".into() }),
+            Some(interpreter) => Err(ReferenceError::Unavailable {
+                looked: format!("{} does not exist", interpreter.display()),
+            }),
+            None => Err(ReferenceError::Unavailable {
+                looked: "neither LAPBENCH_REFERENCE nor HOME is set".into(),
+            }),
         }
     }
 
@@ -105,11 +107,16 @@ impl Python {
         let failed = |message: String| ReferenceError::Failed { program, message };
         if !output.status.success() {
             let said = String::from_utf8_lossy(&output.stderr);
-            return Err(failed(format!("{}: {}", output.status, said.trim().lines().last().unwrap_or("no message"))));
+            return Err(failed(format!(
+                "{}: {}",
+                output.status,
+                said.trim().lines().last().unwrap_or("no message")
+            )));
         }
         let printed = output.stdout.trim_ascii();
         let last = printed.rsplit(|&byte| byte == b'\n').next().unwrap_or_default(); // libraries print warnings before
-        let facts = serde_json::from_slice(last).map_err(|error| failed(format!("printed no JSON: {error}")))?;
+        let facts =
+            serde_json::from_slice(last).map_err(|error| failed(format!("printed no JSON: {error}")))?;
         Ok(Answer { facts, folder })
     }
 }
@@ -145,7 +152,8 @@ impl Answer {
     /// The versions of its tools, as one line.
     pub fn versions(&self) -> String {
         let Some(versions) = self.facts["versions"].as_object() else { return "unknown versions".into() };
-        let words = versions.iter().map(|(tool, version)| format!("{tool} {}", version.as_str().unwrap_or("?")));
+        let words =
+            versions.iter().map(|(tool, version)| format!("{tool} {}", version.as_str().unwrap_or("?")));
         words.collect::<Vec<_>>().join(", ")
     }
 }
