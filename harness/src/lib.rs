@@ -22,5 +22,6 @@ pub mod shapes;
 pub mod statistics;
 pub mod subdivision;
 pub mod vector;
+pub mod verify;
 
 pub use cmd::main_with;
