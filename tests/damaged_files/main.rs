@@ -1,0 +1,19 @@
+//! Damaged files: each of a corpus has the declared outcome, and no change to any of them makes a reader panic, hang or
+//! take more memory than small files deserve.
+
+mod corpus;
+mod mutations;
+mod readers;
+
+/// The readers together never hold more than this, or the process ends: the largest file here has 20 KB, and no number
+/// in it may be believed.
+const MEMORY_LIMIT: usize = 64 << 20;
+
+#[global_allocator]
+static ALLOCATOR: cap::Cap<std::alloc::System> = cap::Cap::new(std::alloc::System, MEMORY_LIMIT);
+
+#[test]
+fn the_limit_is_in_force() {
+    assert_eq!(ALLOCATOR.limit(), MEMORY_LIMIT);
+    assert!(Vec::<u8>::new().try_reserve_exact(MEMORY_LIMIT).is_err());
+}
