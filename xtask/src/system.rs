@@ -99,6 +99,11 @@ pub const FOR_PEERS: &[Requirement] = &[
         probe: Probe::File { folders: HEADERS, prefix: "metis.h" },
     },
     Requirement {
+        package: "nlohmann-json3-dev",
+        purpose: "JSON, for the peer protocol",
+        probe: Probe::File { folders: HEADERS, prefix: "nlohmann" },
+    },
+    Requirement {
         package: "libopenblas-dev",
         purpose: "the BLAS of CHOLMOD's supernodal code",
         probe: Probe::Library("libopenblas.so"),

@@ -7,7 +7,6 @@
 #include <cstdlib>
 #include <exception>
 #include <string>
-#include <unistd.h>
 #include <vector>
 
 #include "solver.hpp"
@@ -40,18 +39,6 @@ void measure(const std::string& id, const System& a, const std::vector<double>& 
     std::fflush(stdout);
 }
 
-// BLAS and OpenMP read their thread counts when they are loaded: set them, then start this program again.
-void fix_threads(char** argv, const char* threads) {
-    const char* set = std::getenv("OPENBLAS_NUM_THREADS");
-    const char* also = std::getenv("OMP_NUM_THREADS");
-    if (set && also && std::string(set) == threads && std::string(also) == threads) return;
-    setenv("OPENBLAS_NUM_THREADS", threads, 1);
-    setenv("OMP_NUM_THREADS", threads, 1);
-    execv("/proc/self/exe", argv);
-    std::perror("cannot start again with the thread counts set");
-    std::exit(1);
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -66,7 +53,6 @@ int main(int argc, char** argv) {
         std::fprintf(stderr, "K, THREADS and REPEATS are at least 1\n");
         return 2;
     }
-    fix_threads(argv, argv[4]);
     try {
         const System a = read_system(argv[1]);
         const auto b = read_right_hand_side(argv[2], a, k);

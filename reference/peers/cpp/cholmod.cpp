@@ -3,7 +3,6 @@
 #include <cholmod.h>
 
 #include <cstring>
-#include <stdexcept>
 
 #include "solver.hpp"
 
@@ -41,7 +40,7 @@ class Cholmod final : public Solver {
         const size_t entries = a.values.size();
         const int lower = -1;
         matrix_ = cholmod_allocate_sparse(a.n, a.n, entries, 1, 1, lower, CHOLMOD_REAL, &common_);
-        if (!matrix_) throw std::runtime_error("CHOLMOD: out of memory");
+        check("store the matrix");
         std::memcpy(matrix_->p, a.starts.data(), a.starts.size() * sizeof(int));
         std::memcpy(matrix_->i, a.indices.data(), entries * sizeof(int));
         set_values(a);
@@ -55,7 +54,7 @@ class Cholmod final : public Solver {
     void factorise() override {
         cholmod_factorize(matrix_, factor_, &common_);
         check("factorise");
-        if (factor_->minor < factor_->n) throw std::runtime_error("not positive definite in row " + std::to_string(factor_->minor));
+        if (factor_->minor < factor_->n) throw Refusal("failed", "not positive definite in row " + std::to_string(factor_->minor));
     }
 
     // cholmod_solve2 keeps x and its workspaces between calls, so that no memory is allocated from the second on.
@@ -75,9 +74,20 @@ class Cholmod final : public Solver {
 
     double factor_entries() const override { return entries_; }
 
+    double factor_bytes() const override {
+        const double numbers = factor_->is_super ? factor_->xsize : factor_->nzmax;
+        const double indices = factor_->is_super ? factor_->ssize : factor_->nzmax;
+        return numbers * sizeof(double) + indices * sizeof(int);
+    }
+
+    // The simplicial code does up to four columns in one pass, the supernodal code all.
+    bool reads_factor_once_per_sweep() const override { return true; }
+
   private:
     void check(const char* step) const {
-        if (common_.status < CHOLMOD_OK) throw std::runtime_error(std::string("CHOLMOD cannot ") + step + ", status " + std::to_string(common_.status));
+        if (common_.status == CHOLMOD_OUT_OF_MEMORY) throw Refusal("out_of_memory", std::string("CHOLMOD cannot ") + step);
+        if (common_.status < CHOLMOD_OK)
+            throw Refusal("failed", std::string("CHOLMOD cannot ") + step + ", status " + std::to_string(common_.status));
     }
 
     cholmod_common common_{};

@@ -3,7 +3,6 @@
 #include <Eigen/IterativeLinearSolvers>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
-#include <stdexcept>
 
 #include "solver.hpp"
 
@@ -37,7 +36,7 @@ class Direct final : public Solver {
 
     void factorise() override {
         cholesky_.factorize(matrix_);
-        if (cholesky_.info() != Eigen::Success) throw std::runtime_error("not positive definite");
+        if (cholesky_.info() != Eigen::Success) throw Refusal("failed", "not positive definite");
         const auto stored = cholesky_.matrixL().nestedExpression().nonZeros();
         entries_ = static_cast<double>(stored + (unit_diagonal ? matrix_.rows() : 0));
     }
@@ -47,6 +46,7 @@ class Direct final : public Solver {
     }
 
     double factor_entries() const override { return entries_; }
+    double factor_bytes() const override { return entries_ * (sizeof(double) + sizeof(int)); }
 
   private:
     Sparse matrix_;
@@ -70,7 +70,7 @@ class ConjugateGradient final : public Solver {
 
     void factorise() override {
         cg_.factorize(matrix_);
-        if (cg_.info() != Eigen::Success) throw std::runtime_error("the incomplete factorisation failed");
+        if (cg_.info() != Eigen::Success) throw Refusal("failed", "the incomplete factorisation failed");
     }
 
     void solve(const double* b, double* x, int k) override {
@@ -78,11 +78,14 @@ class ConjugateGradient final : public Solver {
         for (int j = 0; j < k; ++j) {
             const Eigen::Index n = matrix_.rows();
             Eigen::Map<Eigen::VectorXd>(x + n * j, n) = cg_.solve(Eigen::Map<const Eigen::VectorXd>(b + n * j, n));
-            iterations_ += static_cast<int>(cg_.iterations());
+            iterations_ = std::max(iterations_, static_cast<int>(cg_.iterations()));
+            if (cg_.info() != Eigen::Success)
+                throw Refusal("not_converged", std::to_string(cg_.iterations()) + " iterations, residual " + std::to_string(cg_.error()));
         }
     }
 
     double factor_entries() const override { return static_cast<double>(cg_.preconditioner().matrixL().nonZeros()); }
+    double factor_bytes() const override { return factor_entries() * (sizeof(double) + sizeof(int)); }
     int iterations() const override { return iterations_; }
 
   private:
@@ -96,6 +99,7 @@ class ConjugateGradient final : public Solver {
 
 std::unique_ptr<Solver> open_eigen(const std::string& kind, int threads, double tolerance) {
     Eigen::setNbThreads(threads);
+    if (kind != "cg-ic" && kind != "llt" && kind != "ldlt") throw Refusal("unavailable", "Eigen has no " + kind);
     if (kind == "llt") return std::make_unique<Direct<Eigen::SimplicialLLT<Sparse>, false>>();
     if (kind == "ldlt") return std::make_unique<Direct<Eigen::SimplicialLDLT<Sparse>, true>>();
     return std::make_unique<ConjugateGradient>(tolerance);

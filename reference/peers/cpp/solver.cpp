@@ -1,7 +1,5 @@
 #include "solver.hpp"
 
-#include <stdexcept>
-
 std::vector<std::string> solver_ids() {
     return {"cholmod-simplicial-metis", "cholmod-simplicial-amd", "cholmod-supernodal-metis", "cholmod-supernodal-amd",
             "eigen-llt",                "eigen-ldlt",             "eigen-cg-ic"};
@@ -14,5 +12,5 @@ std::unique_ptr<Solver> open_solver(const std::string& id, int threads, double t
     if (is("cholmod-supernodal-metis")) return open_cholmod(true, true, threads);
     if (is("cholmod-supernodal-amd")) return open_cholmod(true, false, threads);
     if (is("eigen-llt") || is("eigen-ldlt") || is("eigen-cg-ic")) return open_eigen(id.substr(6), threads, tolerance);
-    throw std::runtime_error("no such solver: " + id);
+    throw Refusal("unavailable", "no such solver: " + id);
 }

@@ -2,10 +2,17 @@
 #pragma once
 
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "system.hpp"
+
+// What a solver cannot do; `kind` is a word of the peer protocol: out_of_memory, not_converged, unsupported, failed.
+struct Refusal : std::runtime_error {
+    Refusal(std::string kind, const std::string& message) : std::runtime_error(message), kind(std::move(kind)) {}
+    std::string kind;
+};
 
 class Solver {
   public:
@@ -18,9 +25,13 @@ class Solver {
     virtual void factorise() = 0;
     // k columns, column-major as the library wants them; x is overwritten.
     virtual void solve(const double* b, double* x, int k) = 0;
-    // Entries of the factor with its diagonal, 0 where there is none.
+    // Entries of the factor (of the preconditioner) with its diagonal, known after factorise().
     virtual double factor_entries() const = 0;
-    // Iterations of the last solve, all columns together; -1 for a direct solver.
+    // Bytes of the factor as stored, known after factorise().
+    virtual double factor_bytes() const = 0;
+    // Whether a solve reads the factor twice, once forward and once backward, for all columns together.
+    virtual bool reads_factor_once_per_sweep() const { return false; }
+    // Iterations of the last solve, the most over its columns; -1 for a direct solver.
     virtual int iterations() const { return -1; }
     // New values on the pattern of analyse().
     virtual void set_values(const System& a) = 0;
@@ -29,7 +40,7 @@ class Solver {
 // Ids as in the results: cholmod-simplicial-metis, eigen-llt ...
 std::vector<std::string> solver_ids();
 
-// Throws std::runtime_error for an unknown id. `tolerance` concerns iterative solvers only.
+// Throws Refusal for an unknown id. `tolerance` concerns iterative solvers only.
 std::unique_ptr<Solver> open_solver(const std::string& id, int threads, double tolerance);
 
 std::unique_ptr<Solver> open_cholmod(bool supernodal, bool metis, int threads);

@@ -21,14 +21,6 @@ std::vector<T> read_array(std::ifstream& file, const std::string& path, size_t c
     return array;
 }
 
-void check_shape(const System& a, const std::string& path) {
-    for (int i = 0; i < a.n; ++i) {
-        if (a.starts[i] >= a.starts[i + 1] || a.indices[a.starts[i]] != i) fail(path, "row without its diagonal first");
-        for (int e = a.starts[i] + 1; e < a.starts[i + 1]; ++e)
-            if (a.indices[e] <= a.indices[e - 1] || a.indices[e] >= a.n) fail(path, "columns not ascending or out of range");
-    }
-}
-
 System read_binary(const std::string& path) {
     std::ifstream file(path, std::ios::binary | std::ios::ate);
     if (!file) fail(path, "cannot be opened");
@@ -40,9 +32,6 @@ System read_binary(const std::string& path) {
     System a;
     a.n = static_cast<int>(head[0]);
     a.starts = read_array<int>(file, path, head[0] + 1);
-    if (a.starts.front() != 0 || !std::is_sorted(a.starts.begin(), a.starts.end()) ||
-        static_cast<uint64_t>(a.starts.back()) != head[1])
-        fail(path, "row starts do not fit the number of entries");
     a.indices = read_array<int>(file, path, head[1]);
     a.values = read_array<double>(file, path, head[1]);
     return a;
@@ -121,10 +110,22 @@ double row_sum_norm(const System& a) {
 
 }  // namespace
 
+void check_system(const System& a, const std::string& name) {
+    if (a.n < 0 || a.starts.size() != static_cast<size_t>(a.n) + 1 || a.starts.front() != 0 ||
+        !std::is_sorted(a.starts.begin(), a.starts.end()) || static_cast<size_t>(a.starts.back()) != a.indices.size() ||
+        a.indices.size() != a.values.size())
+        fail(name, "row starts do not fit the number of entries");
+    for (int i = 0; i < a.n; ++i) {
+        if (a.starts[i] == a.starts[i + 1] || a.indices[a.starts[i]] != i) fail(name, "row without its diagonal first");
+        for (int e = a.starts[i] + 1; e < a.starts[i + 1]; ++e)
+            if (a.indices[e] <= a.indices[e - 1] || a.indices[e] >= a.n) fail(name, "columns not ascending or out of range");
+    }
+}
+
 System read_system(const std::string& path) {
     const bool text = path.size() > 4 && path.substr(path.size() - 4) == ".mtx";
     System a = text ? read_matrix_market(path) : read_binary(path);
-    check_shape(a, path);
+    check_system(a, path);
     return a;
 }
 

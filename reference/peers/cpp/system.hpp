@@ -18,6 +18,9 @@ struct System {
 // Throws std::runtime_error that names the file.
 System read_system(const std::string& path);
 
+// Throws std::runtime_error, starting with `name`, where rows or columns are not in the order above.
+void check_system(const System& a, const std::string& name);
+
 // n x k numbers, vertex-major f64 without a header; `path` "-" stands for A x with x_ij = sin(i + 3 j + 1).
 std::vector<double> read_right_hand_side(const std::string& path, const System& a, int k);
 
