@@ -7,6 +7,7 @@
 //! built-in ones, under the same checks.
 
 pub mod body;
+pub mod cache;
 pub mod cmd;
 pub mod engine;
 pub mod environment;
@@ -14,6 +15,7 @@ pub mod exit;
 pub mod file;
 pub mod mesh_io;
 pub mod mesh_source;
+pub mod peers;
 pub mod process;
 pub mod record;
 pub mod reference;

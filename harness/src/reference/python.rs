@@ -7,6 +7,7 @@ use std::process::{Command, Stdio};
 use lapsolve::mesh::TriangleMesh;
 use serde_json::Value;
 
+use crate::cache;
 use crate::file::FileError;
 use crate::mesh_io::{self, npy};
 
@@ -55,20 +56,12 @@ impl Python {
         Self { interpreter }
     }
 
-    /// `$LAPBENCH_REFERENCE`, else the one that `cargo xtask setup` put into the cache folder (`$LAPBENCH_CACHE`, else
-    /// `$XDG_CACHE_HOME/lapbench`, else `~/.cache/lapbench`).
+    /// The one of [`cache::python`], which `cargo xtask setup` installs.
     ///
     /// # Errors
     /// [`ReferenceError::Unavailable`] where there is none.
     pub fn find() -> Result<Self, ReferenceError> {
-        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-        let cached = || {
-            let cache = set("LAPBENCH_CACHE")
-                .or_else(|| Some(set("XDG_CACHE_HOME")?.join("lapbench")))
-                .or_else(|| Some(set("HOME")?.join(".cache/lapbench")));
-            cache.map(|cache| cache.join("reference/bin/python"))
-        };
-        match set("LAPBENCH_REFERENCE").or_else(cached) {
+        match cache::python() {
             Some(interpreter) if interpreter.exists() => Ok(Self::at(interpreter)),
             Some(interpreter) => Err(ReferenceError::Unavailable {
                 looked: format!("{} does not exist", interpreter.display()),

@@ -1,0 +1,180 @@
+//! The installed peers, driven through the harness' own sessions: each solves a system and a harmonic field, and takes
+//! new values.
+
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use lapbench::engine::array_file::ArrayFile;
+use lapbench::engine::protocol::{Described, MatrixFiles, Memory, Prepared, Problem, Request, Timed, VERSION};
+use lapbench::engine::session::{Failure, Session};
+use lapbench::mesh_io;
+use lapbench::peers::{self, Peer};
+use lapbench::record::names::{Accuracy, Precision, Status};
+use lapsolve::backend::PrepareOptions;
+use lapsolve::columns::Columns;
+use lapsolve::dirichlet::Dirichlet;
+use lapsolve::laplacian::{Laplacian, Weights};
+use lapsolve::registry::{self, OpenOptions};
+use lapsolve::sparse::SymmetricCsr;
+use tests::needs::{self, Need};
+
+const DEADLINE: Duration = Duration::from_secs(60);
+const TOLERANCE: f64 = 1e-10;
+const COLUMNS: usize = 3;
+
+/// One small problem in both forms, in files, with the solutions that a built-in direct solver finds.
+struct Case {
+    folder: tempfile::TempDir,
+    dirichlet: Dirichlet,
+    constraints: Vec<f64>,
+    field: Vec<f64>,
+}
+
+impl Case {
+    fn new() -> Self {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../reference/golden/meshes/pieces.obj");
+        let mesh = mesh_io::read_mesh(&file).expect("committed mesh").mesh;
+        let laplacian = Laplacian::assemble(&mesh, Weights::Plain).into_matrix();
+        let fixed = [0, 20, 60, 75];
+        let dirichlet = Dirichlet::new(laplacian, None, &fixed).expect("one constraint in each component");
+        let constraints: Vec<f64> = (0..fixed.len() * COLUMNS).map(|i| (i as f64 + 1.0).sin()).collect();
+        let mut field = vec![0.0; mesh.positions().len() * COLUMNS];
+        let oracle = registry::find("dense").expect("a built-in backend");
+        let oracle = (oracle.open)(&OpenOptions::default()).expect("always there");
+        let mut handle = oracle
+            .prepare_harmonic(&dirichlet, &PrepareOptions::columns(COLUMNS), &mut |_| {})
+            .expect("well posed");
+        let right = Columns::new(&constraints[..], fixed.len(), COLUMNS);
+        handle.solve(right, Columns::new(&mut field[..], mesh.positions().len(), COLUMNS)).expect("well posed");
+        Self { folder: tempfile::tempdir().expect("temporary folder"), dirichlet, constraints, field }
+    }
+
+    fn file<T: lapbench::engine::array_file::Number>(&self, name: &str, data: &[T], columns: usize) -> ArrayFile {
+        ArrayFile::write(&self.folder.path().join(name), data, columns).expect("temporary folder")
+    }
+
+    fn matrix(&self, name: &str, matrix: &SymmetricCsr) -> MatrixFiles {
+        MatrixFiles {
+            n: matrix.n(),
+            row_starts: self.file(&format!("{name}_starts"), matrix.row_starts(), 1),
+            columns: self.file(&format!("{name}_columns"), matrix.columns(), 1),
+            values: self.file(&format!("{name}_values"), matrix.values(), 1),
+        }
+    }
+
+    /// L_FF x = b, and the x with sines in it that b is made from.
+    fn system(&self) -> (Problem, Vec<f64>, Vec<f64>) {
+        let matrix = self.dirichlet.system().expect("free vertices").matrix();
+        let x: Vec<f64> = (0..matrix.n() * COLUMNS).map(|i| (i as f64).cos()).collect();
+        let problem = Problem::System { matrix: self.matrix("system", matrix), positions: None };
+        (problem, x.clone(), multiply(matrix, &x))
+    }
+
+    fn harmonic(&self) -> Problem {
+        Problem::Harmonic {
+            laplacian: self.matrix("laplacian", self.dirichlet.laplacian()),
+            positions: None,
+            fixed: self.file("fixed", self.dirichlet.fixed(), 1),
+        }
+    }
+
+    fn solve(&self, session: &mut Session, rhs: &[f64]) -> Result<(Timed, Vec<f64>), Failure> {
+        let solution = self.folder.path().join("solution");
+        let rhs = self.file("rhs", rhs, COLUMNS);
+        let request = Request::Solve { rhs, warmup: 1, times: 3, solution: solution.clone() };
+        let timed: Timed = session.ask(request, DEADLINE)?;
+        let bytes = std::fs::read(solution).expect("the peer wrote its solution");
+        Ok((timed, bytes.as_chunks().0.iter().map(|&number| f64::from_le_bytes(number)).collect()))
+    }
+}
+
+fn multiply(matrix: &SymmetricCsr, x: &[f64]) -> Vec<f64> {
+    let mut product = vec![0.0; x.len()];
+    for i in 0..matrix.n() {
+        for at in matrix.row_starts()[i] as usize..matrix.row_starts()[i + 1] as usize {
+            let (j, value) = (matrix.columns()[at] as usize, matrix.values()[at]);
+            for c in 0..COLUMNS {
+                product[i * COLUMNS + c] += value * x[j * COLUMNS + c];
+                if i != j {
+                    product[j * COLUMNS + c] += value * x[i * COLUMNS + c];
+                }
+            }
+        }
+    }
+    product
+}
+
+/// The largest difference; a wrong length or a NaN is infinitely far.
+fn distance(x: &[f64], y: &[f64]) -> f64 {
+    let differences = x.iter().zip(y).map(|(a, b)| (a - b).abs());
+    let worst = differences.fold(0.0, |most: f64, d| if d.is_nan() { f64::INFINITY } else { most.max(d) });
+    if x.len() == y.len() { worst } else { f64::INFINITY }
+}
+
+fn start(peer: &Peer) -> Result<(Session, Described), String> {
+    let mut command = Command::new("sh");
+    command.args(["-c", &format!("exec {}", peer.command()?)]);
+    let mut session = Session::start(command).map_err(|failure| failure.to_string())?;
+    let request = Request::Describe { protocol: VERSION, threads: 1, tolerance: TOLERANCE, device: None };
+    match session.ask(request, DEADLINE) {
+        Ok(described) => Ok((session, described)),
+        Err(failure) if failure.status == Status::Unavailable => Err(failure.to_string()),
+        Err(failure) => panic!("{}: {failure}", peer.id),
+    }
+}
+
+/// Asks everything of one peer.
+fn check(peer: &Peer, mut session: Session, described: &Described, case: &Case) {
+    let limit = match (described.precision, described.accuracy) {
+        (Precision::F32, _) => 1e-4,
+        (_, Accuracy::Iterative) => 1e-7,
+        _ => 1e-11,
+    };
+    assert_eq!(described.protocol, VERSION);
+    assert!(described.details.contains_key("version"), "{}: {described:?}", peer.id);
+    let id = &peer.id;
+    let mut ask = |what: &str, problem: Problem| -> Prepared {
+        let answer = session.ask(Request::Prepare { problem, max_columns: COLUMNS }, DEADLINE);
+        answer.unwrap_or_else(|failure| panic!("{id}, {what}: {failure}"))
+    };
+    let (system, x, b) = case.system();
+    let prepared = ask("system", system);
+    assert!(prepared.numeric_ns.is_some_and(|ns| ns > 0), "{id}: {prepared:?}");
+    let (timed, solved) = case.solve(&mut session, &b).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    assert_eq!((timed.samples_ns.len(), timed.samples_ns.contains(&0)), (3, false), "{id}");
+    assert_eq!(timed.iterations.is_some(), described.accuracy == Accuracy::Iterative, "{id}");
+    assert!(distance(&solved, &x) < limit, "{id}: x is off by {:e}", distance(&solved, &x));
+
+    let matrix = case.dirichlet.system().expect("free vertices").matrix();
+    let doubled: Vec<f64> = matrix.values().iter().map(|value| 2.0 * value).collect();
+    let update = Request::Update { values: case.file("doubled", &doubled, 1), times: 2 };
+    let updated: Timed = session.ask(update, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    assert_eq!(updated.samples_ns.len(), 2, "{id}");
+    let (_, halved) = case.solve(&mut session, &b).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    let half: Vec<f64> = x.iter().map(|value| 0.5 * value).collect();
+    assert!(distance(&halved, &half) < limit, "{id}: after an update x is off by {:e}", distance(&halved, &half));
+
+    let request = Request::Prepare { problem: case.harmonic(), max_columns: COLUMNS };
+    let _: Prepared = session.ask(request, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    let (_, field) = case.solve(&mut session, &case.constraints).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    assert!(distance(&field, &case.field) < limit, "{id}: the field is off by {:e}", distance(&field, &case.field));
+    let memory: Memory = session.ask(Request::Memory, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    assert!(memory.peak_rss_bytes.is_some_and(|bytes| bytes > 1 << 20), "{id}: {memory:?}");
+
+    let wrong_shape = Request::OpenLoop { hz: 100.0, frames: 2, limit_ns: 1, input: case.file("short", &[1.0], 1) };
+    let refused = session.ask::<Timed>(wrong_shape, DEADLINE).expect_err("a right-hand side of one number");
+    assert_eq!(refused.status, Status::Error, "{id}: {refused}");
+    session.quit();
+}
+
+#[test]
+fn installed_peers_solve_what_they_are_given() {
+    let case = Case::new();
+    for peer in peers::catalogue() {
+        match start(&peer) {
+            Ok((session, described)) => check(&peer, session, &described, &case),
+            Err(reason) => needs::skip(Need::Peers, &format!("{}: {reason}", peer.id)),
+        }
+    }
+}
