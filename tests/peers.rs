@@ -6,7 +6,9 @@ use std::process::Command;
 use std::time::Duration;
 
 use lapbench::engine::array_file::ArrayFile;
-use lapbench::engine::protocol::{Described, MatrixFiles, Memory, Prepared, Problem, Request, Timed, VERSION};
+use lapbench::engine::protocol::{
+    Described, MatrixFiles, Memory, Prepared, Problem, Request, Timed, VERSION,
+};
 use lapbench::engine::session::{Failure, Session};
 use lapbench::mesh_io;
 use lapbench::peers::{self, Peer};
@@ -46,11 +48,18 @@ impl Case {
             .prepare_harmonic(&dirichlet, &PrepareOptions::columns(COLUMNS), &mut |_| {})
             .expect("well posed");
         let right = Columns::new(&constraints[..], fixed.len(), COLUMNS);
-        handle.solve(right, Columns::new(&mut field[..], mesh.positions().len(), COLUMNS)).expect("well posed");
+        handle
+            .solve(right, Columns::new(&mut field[..], mesh.positions().len(), COLUMNS))
+            .expect("well posed");
         Self { folder: tempfile::tempdir().expect("temporary folder"), dirichlet, constraints, field }
     }
 
-    fn file<T: lapbench::engine::array_file::Number>(&self, name: &str, data: &[T], columns: usize) -> ArrayFile {
+    fn file<T: lapbench::engine::array_file::Number>(
+        &self,
+        name: &str,
+        data: &[T],
+        columns: usize,
+    ) -> ArrayFile {
         ArrayFile::write(&self.folder.path().join(name), data, columns).expect("temporary folder")
     }
 
@@ -153,16 +162,27 @@ fn check(peer: &Peer, mut session: Session, described: &Described, case: &Case) 
     assert_eq!(updated.samples_ns.len(), 2, "{id}");
     let (_, halved) = case.solve(&mut session, &b).unwrap_or_else(|failure| panic!("{id}: {failure}"));
     let half: Vec<f64> = x.iter().map(|value| 0.5 * value).collect();
-    assert!(distance(&halved, &half) < limit, "{id}: after an update x is off by {:e}", distance(&halved, &half));
+    assert!(
+        distance(&halved, &half) < limit,
+        "{id}: after an update x is off by {:e}",
+        distance(&halved, &half)
+    );
 
     let request = Request::Prepare { problem: case.harmonic(), max_columns: COLUMNS };
     let _: Prepared = session.ask(request, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
-    let (_, field) = case.solve(&mut session, &case.constraints).unwrap_or_else(|failure| panic!("{id}: {failure}"));
-    assert!(distance(&field, &case.field) < limit, "{id}: the field is off by {:e}", distance(&field, &case.field));
-    let memory: Memory = session.ask(Request::Memory, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    let (_, field) =
+        case.solve(&mut session, &case.constraints).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    assert!(
+        distance(&field, &case.field) < limit,
+        "{id}: the field is off by {:e}",
+        distance(&field, &case.field)
+    );
+    let memory: Memory =
+        session.ask(Request::Memory, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
     assert!(memory.peak_rss_bytes.is_some_and(|bytes| bytes > 1 << 20), "{id}: {memory:?}");
 
-    let wrong_shape = Request::OpenLoop { hz: 100.0, frames: 2, limit_ns: 1, input: case.file("short", &[1.0], 1) };
+    let wrong_shape =
+        Request::OpenLoop { hz: 100.0, frames: 2, limit_ns: 1, input: case.file("short", &[1.0], 1) };
     let refused = session.ask::<Timed>(wrong_shape, DEADLINE).expect_err("a right-hand side of one number");
     assert_eq!(refused.status, Status::Error, "{id}: {refused}");
     session.quit();

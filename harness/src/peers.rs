@@ -44,7 +44,9 @@ impl Peer {
     pub fn command(&self) -> Result<String, String> {
         let folder = cache::folder().map(|cache| cache.join("peers"));
         let (Some(folder), Some(python)) = (folder, cache::python()) else {
-            return Err(format!("no cache folder is known (neither LAPBENCH_CACHE nor HOME is set); {REMEDY}"));
+            return Err(format!(
+                "no cache folder is known (neither LAPBENCH_CACHE nor HOME is set); {REMEDY}"
+            ));
         };
         self.command_in(&folder, &python)
     }
