@@ -1,0 +1,161 @@
+//! The equations a cell solves: what children receive as files and what answers are held against.
+
+use super::array_file::ArrayFile;
+use super::protocol::{MatrixFiles, Problem};
+use lapsolve::columns::Columns;
+use lapsolve::dirichlet::Dirichlet;
+use lapsolve::residual::Residual;
+use lapsolve::sparse::SymmetricCsr;
+use lapsolve::system::System;
+use std::io;
+use std::path::Path;
+
+/// Equations with their data.
+#[derive(Clone, Debug)]
+pub enum Equations {
+    /// A x = b.
+    System {
+        /// A.
+        system: System,
+        /// b, n x k.
+        b: Vec<f64>,
+        /// Columns.
+        k: usize,
+    },
+    /// L_FF u_F = -L_FC g, u_C = g.
+    Harmonic {
+        /// L and C.
+        problem: Box<Dirichlet>,
+        /// Positions of all vertices, handed on to children.
+        positions: Option<Vec<[f64; 3]>>,
+        /// g, |C| x k.
+        g: Vec<f64>,
+        /// Columns.
+        k: usize,
+    },
+}
+
+/// How far an answer is from solving its equations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Misfit {
+    /// Of the system that is solved (`harmonic`: the free rows).
+    pub residual: Residual,
+    /// `harmonic`: largest |u_C - g|.
+    pub constraints: Option<f64>,
+}
+
+impl Equations {
+    /// Columns k.
+    pub fn columns(&self) -> usize {
+        match self {
+            Equations::System { k, .. } | Equations::Harmonic { k, .. } => *k,
+        }
+    }
+
+    /// Rows of a solution.
+    pub fn rows(&self) -> usize {
+        match self {
+            Equations::System { system, .. } => system.n(),
+            Equations::Harmonic { problem, .. } => problem.laplacian().n(),
+        }
+    }
+
+    /// Order of the system that is solved.
+    pub fn unknowns(&self) -> usize {
+        self.reduced().map_or(0, |(system, _)| system.n())
+    }
+
+    /// The SPD system behind them with its right-hand side (unknowns x k); none where every vertex is constrained.
+    pub fn reduced(&self) -> Option<(&System, Vec<f64>)> {
+        match self {
+            Equations::System { system, b, .. } => Some((system, b.clone())),
+            Equations::Harmonic { problem, g, k, .. } => {
+                let system = problem.system()?;
+                let mut b = vec![0.0; system.n() * k];
+                let g = Columns::new(&g[..], problem.fixed().len(), *k);
+                problem.right_hand_side(g, Columns::new(&mut b, system.n(), *k));
+                Some((system, b))
+            }
+        }
+    }
+
+    /// The rows of a solution that the system determines.
+    pub fn unknown_rows(&self, x: &[f64]) -> Vec<f64> {
+        match self {
+            Equations::System { .. } => x.to_vec(),
+            Equations::Harmonic { problem, k, .. } => {
+                problem.free().iter().flat_map(|&v| &x[v as usize * k..(v as usize + 1) * k]).copied().collect()
+            }
+        }
+    }
+
+    /// The stored values of the matrix that `update` replaces: A, or the full L.
+    pub fn values(&self) -> &[f64] {
+        match self {
+            Equations::System { system, .. } => system.matrix().values(),
+            Equations::Harmonic { problem, .. } => problem.laplacian().values(),
+        }
+    }
+
+    /// The same right-hand sides with other values on the same pattern; none where they are not acceptable.
+    pub fn with_values(&self, values: &[f64]) -> Option<Self> {
+        let mut changed = self.clone();
+        match &mut changed {
+            Equations::System { system, .. } => system.update_values(values).ok()?,
+            Equations::Harmonic { problem, .. } => problem.update_values(values).ok()?,
+        }
+        Some(changed)
+    }
+
+    /// Measures `x` (rows x k).
+    pub fn misfit(&self, x: &[f64]) -> Misfit {
+        let k = self.columns();
+        let constraints = match self {
+            Equations::System { .. } => None,
+            Equations::Harmonic { problem, g, .. } => {
+                let rows = problem.fixed().iter().flat_map(|&v| &x[v as usize * k..(v as usize + 1) * k]);
+                Some(rows.zip(g).map(|(x, g)| (x - g).abs()).fold(0.0, f64::max))
+            }
+        };
+        let residual = self.reduced().map_or_else(Residual::default, |(system, b)| {
+            let (n, x) = (system.n(), self.unknown_rows(x));
+            Residual::measure(system.matrix(), Columns::new(&x[..], n, k), Columns::new(&b[..], n, k))
+        });
+        Misfit { residual, constraints }
+    }
+
+    /// Writes everything a child needs into `folder`: the problem, and the input of its solves.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn write(&self, folder: &Path) -> io::Result<(Problem, ArrayFile)> {
+        match self {
+            Equations::System { system, b, k } => {
+                let matrix = write_matrix(folder, system.matrix())?;
+                let positions = system.positions().map(|p| write_points(folder, p)).transpose()?;
+                let rhs = ArrayFile::write(&folder.join("rhs.f64"), b, *k)?;
+                Ok((Problem::System { matrix, positions }, rhs))
+            }
+            Equations::Harmonic { problem, positions, g, k } => {
+                let laplacian = write_matrix(folder, problem.laplacian())?;
+                let positions = positions.as_ref().map(|p| write_points(folder, p)).transpose()?;
+                let fixed = ArrayFile::write(&folder.join("fixed.u32"), problem.fixed(), 1)?;
+                let values = ArrayFile::write(&folder.join("constraints.f64"), g, *k)?;
+                Ok((Problem::Harmonic { laplacian, positions, fixed }, values))
+            }
+        }
+    }
+}
+
+fn write_matrix(folder: &Path, matrix: &SymmetricCsr) -> io::Result<MatrixFiles> {
+    Ok(MatrixFiles {
+        n: matrix.n(),
+        row_starts: ArrayFile::write(&folder.join("row_starts.u32"), matrix.row_starts(), 1)?,
+        columns: ArrayFile::write(&folder.join("columns.u32"), matrix.columns(), 1)?,
+        values: ArrayFile::write(&folder.join("values.f64"), matrix.values(), 1)?,
+    })
+}
+
+fn write_points(folder: &Path, points: &[[f64; 3]]) -> io::Result<ArrayFile> {
+    ArrayFile::write(&folder.join("positions.f64"), points.as_flattened(), 3)
+}
