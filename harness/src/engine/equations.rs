@@ -2,9 +2,9 @@
 
 use super::array_file::ArrayFile;
 use super::protocol::{MatrixFiles, Problem};
+use crate::verify::solution::Question;
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
-use lapsolve::residual::Residual;
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
 use std::io;
@@ -33,15 +33,6 @@ pub enum Equations {
         /// Columns.
         k: usize,
     },
-}
-
-/// How far an answer is from solving its equations.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Misfit {
-    /// Of the system that is solved (`harmonic`: the free rows).
-    pub residual: Residual,
-    /// `harmonic`: largest |u_C - g|.
-    pub constraints: Option<f64>,
 }
 
 impl Equations {
@@ -79,16 +70,6 @@ impl Equations {
         }
     }
 
-    /// The rows of a solution that the system determines.
-    pub fn unknown_rows(&self, x: &[f64]) -> Vec<f64> {
-        match self {
-            Equations::System { .. } => x.to_vec(),
-            Equations::Harmonic { problem, k, .. } => {
-                problem.free().iter().flat_map(|&v| &x[v as usize * k..(v as usize + 1) * k]).copied().collect()
-            }
-        }
-    }
-
     /// The stored values of the matrix that `update` replaces: A, or the full L.
     pub fn values(&self) -> &[f64] {
         match self {
@@ -107,21 +88,16 @@ impl Equations {
         Some(changed)
     }
 
-    /// Measures `x` (rows x k).
-    pub fn misfit(&self, x: &[f64]) -> Misfit {
-        let k = self.columns();
-        let constraints = match self {
-            Equations::System { .. } => None,
-            Equations::Harmonic { problem, g, .. } => {
-                let rows = problem.fixed().iter().flat_map(|&v| &x[v as usize * k..(v as usize + 1) * k]);
-                Some(rows.zip(g).map(|(x, g)| (x - g).abs()).fold(0.0, f64::max))
+    /// The same as a question to [`crate::verify`].
+    pub fn question(&self) -> Question<'_> {
+        match self {
+            Equations::System { system, b, k } => {
+                Question::System { matrix: system.matrix(), rhs: Columns::new(b, system.n(), *k) }
             }
-        };
-        let residual = self.reduced().map_or_else(Residual::default, |(system, b)| {
-            let (n, x) = (system.n(), self.unknown_rows(x));
-            Residual::measure(system.matrix(), Columns::new(&x[..], n, k), Columns::new(&b[..], n, k))
-        });
-        Misfit { residual, constraints }
+            Equations::Harmonic { problem, g, k, .. } => {
+                Question::Harmonic { problem, values: Columns::new(g, problem.fixed().len(), *k) }
+            }
+        }
     }
 
     /// Writes everything a child needs into `folder`: the problem, and the input of its solves.

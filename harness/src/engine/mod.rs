@@ -2,6 +2,12 @@
 
 pub mod allocation;
 pub mod array_file;
+pub mod bandwidth;
+pub mod check;
 pub mod child;
+pub mod equations;
 pub mod protocol;
 pub mod session;
+pub mod shuffle;
+pub mod solver;
+pub mod workspace;
