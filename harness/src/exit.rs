@@ -3,7 +3,7 @@
 use std::fmt;
 use std::process::ExitCode;
 
-/// How a command ended. Codes of usage errors (2) are given by the argument parser itself.
+/// How a command ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Exit {
     /// Everything was done; no cell is in a state below.
@@ -11,6 +11,8 @@ pub enum Exit {
     Ok,
     /// A file, an argument or the program failed; or a cell ended in `error` or `oom`; or `--require` is unmet.
     Error,
+    /// The command line makes no sense (the argument parser itself ends with the same code).
+    Usage,
     /// Slower than allowed: a regression, a cell removed, a counter increased, `--require-hz` missed.
     Regression,
     /// A wrong answer: an `invalid` cell or a failed validation.
@@ -27,6 +29,7 @@ impl Exit {
         match self {
             Exit::Ok => 0,
             Exit::Error => 1,
+            Exit::Usage => 2,
             Exit::Regression => 3,
             Exit::Invalid => 4,
             Exit::Inconclusive => 5,
@@ -37,6 +40,7 @@ impl Exit {
     /// The more serious of two: a wrong answer, then a regression, an error, a mismatch, no statement.
     pub fn or(self, other: Self) -> Self {
         let rank = |exit| match exit {
+            Exit::Usage => 6,
             Exit::Invalid => 5,
             Exit::Regression => 4,
             Exit::Error => 3,
@@ -53,6 +57,7 @@ impl fmt::Display for Exit {
         f.write_str(match self {
             Exit::Ok => "all is well",
             Exit::Error => "an input, a cell or the program failed, or a required backend is missing",
+            Exit::Usage => "the command line makes no sense",
             Exit::Regression => "slower than allowed, or a cell or counter got worse",
             Exit::Invalid => "at least one answer is wrong",
             Exit::Inconclusive => "the measurement allows no statement",

@@ -1,9 +1,10 @@
 //! `list`: what there is, and why something is not.
 
-use super::output::{self, Format, Rows};
+use super::output::{self, Format};
 use super::{Context, Outcome};
 use crate::exit::Exit;
 use crate::record::names::{Family, Precision};
+use crate::report::rows::Rows;
 use lapsolve::registry::{Entry, OpenOptions};
 use serde::Serialize;
 

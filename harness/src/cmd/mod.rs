@@ -3,9 +3,16 @@
 //! A new subcommand is a file with a `clap::Args` struct and a `run`, a `mod` line, a variant of [`Command`] and an arm
 //! in `dispatch`. Data goes to stdout through [`output`], everything else to stderr.
 
+pub mod compare;
 pub mod completions;
+pub mod doctor;
 pub mod list;
+pub mod matrix;
 pub mod output;
+pub mod peer;
+pub mod run;
+pub mod schema;
+pub mod solve;
 
 use crate::exit::Exit;
 use clap::{Parser, Subcommand};
@@ -15,7 +22,7 @@ use std::process::ExitCode;
 /// What a command returns: how it ended, or an error that is printed with its causes and ends in exit code 1.
 pub type Outcome = anyhow::Result<Exit>;
 
-/// Measures and validates mesh-Laplacian solvers on real workloads.
+/// Measures and validates mesh-Laplacian solvers on real workloads. Without a command: `run`, the default suite.
 #[derive(Debug, Parser)]
 #[command(name = "lapbench", version, propagate_version = true)]
 #[command(
@@ -24,12 +31,19 @@ pub type Outcome = anyhow::Result<Exit>;
 )]
 pub struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Run(Box<run::Args>),
+    Solve(solve::Args),
+    Matrix(matrix::Args),
+    Compare(compare::Args),
     List(list::Args),
+    Doctor(doctor::Args),
+    Schema(schema::Args),
+    Peer(peer::Args),
     Completions(completions::Args),
 }
 
@@ -43,6 +57,13 @@ impl Context {
     /// The backend of that name.
     pub fn backend(&self, id: &str) -> Option<&Entry> {
         self.backends.iter().find(|entry| entry.id == id)
+    }
+
+    /// Says that there is no backend of that name, and which ones there are.
+    pub fn unknown_backend(&self, id: &str) -> Exit {
+        let ids: Vec<&str> = self.backends.iter().map(|entry| entry.id).collect();
+        eprintln!("error: there is no backend `{id}`; there are {}", ids.join(", "));
+        Exit::Usage
     }
 }
 
@@ -60,7 +81,8 @@ impl Context {
 pub fn main_with(extra: &[Entry]) -> ExitCode {
     let cli = Cli::parse();
     let context = Context { backends: BACKENDS.iter().chain(extra).copied().collect() };
-    let exit = match dispatch(cli.command, &context) {
+    let command = cli.command.or_else(|| Cli::parse_from(["lapbench", "run"]).command);
+    let exit = match command.map_or(Ok(Exit::Ok), |command| dispatch(command, &context)) {
         Ok(exit) => exit,
         Err(error) => {
             eprintln!("error: {error:#}");
@@ -75,6 +97,13 @@ pub fn main_with(extra: &[Entry]) -> ExitCode {
 
 fn dispatch(command: Command, context: &Context) -> Outcome {
     match command {
+        Command::Run(args) => run::run(&args, context),
+        Command::Solve(args) => solve::run(&args, context),
+        Command::Matrix(args) => matrix::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Doctor(args) => doctor::run(&args, context),
+        Command::Schema(args) => schema::run(&args),
+        Command::Peer(args) => peer::run(&args, context),
         Command::List(args) => list::run(&args, context),
         Command::Completions(args) => completions::run(&args),
     }

@@ -30,9 +30,9 @@ impl Check {
     /// system.
     pub fn new(equations: Equations, scale: Option<f64>, forward: ForwardLimit, backends: &[Entry]) -> Self {
         let k = equations.columns();
-        let solved = equations.reduced().map(|(system, b)| {
-            Reference::solve(backends, system, Columns::new(&b[..], system.n(), k))
-        });
+        let solved = equations
+            .reduced()
+            .map(|(system, b)| Reference::solve(backends, system, Columns::new(&b[..], system.n(), k)));
         let (reference, no_reference) = match solved {
             None => (None, None), // nothing is unknown
             Some(Ok(reference)) => (Some(reference), None),
@@ -105,7 +105,8 @@ mod tests {
 
     #[test]
     fn a_stale_solution_does_not_pass_after_an_update() {
-        let path = [(0, 0, 1.0), (0, 1, -1.0), (1, 1, 2.0), (1, 2, -1.0), (2, 2, 2.0), (2, 3, -1.0), (3, 3, 1.0)];
+        let path =
+            [(0, 0, 1.0), (0, 1, -1.0), (1, 1, 2.0), (1, 2, -1.0), (2, 2, 2.0), (2, 3, -1.0), (3, 3, 1.0)];
         let laplacian = SymmetricCsr::from_triplets(4, &path).unwrap();
         let problem = Box::new(Dirichlet::new(laplacian, None, &[0, 3]).unwrap());
         let equations = Equations::Harmonic { problem, positions: None, g: vec![0.0, 3.0], k: 1 };

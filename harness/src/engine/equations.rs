@@ -21,6 +21,8 @@ pub enum Equations {
         b: Vec<f64>,
         /// Columns.
         k: usize,
+        /// The vertex of every row and the number of all vertices, where the rows are some vertices of a mesh.
+        vertices: Option<(Vec<u32>, usize)>,
     },
     /// L_FF u_F = -L_FC g, u_C = g.
     Harmonic {
@@ -70,12 +72,32 @@ impl Equations {
         }
     }
 
+    /// A solution (rows x k) as one row per vertex; vertices without an equation get 0.
+    pub fn on_vertices(&self, x: &[f64]) -> Vec<f64> {
+        let k = self.columns();
+        let Equations::System { vertices: Some((vertices, all)), .. } = self else { return x.to_vec() };
+        let mut whole = vec![0.0; all * k];
+        for (&v, row) in vertices.iter().zip(x.chunks_exact(k)) {
+            whole[v as usize * k..(v as usize + 1) * k].copy_from_slice(row);
+        }
+        whole
+    }
+
     /// The stored values of the matrix that `update` replaces: A, or the full L.
     pub fn values(&self) -> &[f64] {
         match self {
             Equations::System { system, .. } => system.matrix().values(),
             Equations::Harmonic { problem, .. } => problem.laplacian().values(),
         }
+    }
+
+    /// Row starts and column indices of the same matrix.
+    pub fn pattern(&self) -> (&[u32], &[u32]) {
+        let matrix = match self {
+            Equations::System { system, .. } => system.matrix(),
+            Equations::Harmonic { problem, .. } => problem.laplacian(),
+        };
+        (matrix.row_starts(), matrix.columns())
     }
 
     /// The same right-hand sides with other values on the same pattern; none where they are not acceptable.
@@ -91,7 +113,7 @@ impl Equations {
     /// The same as a question to [`crate::verify`].
     pub fn question(&self) -> Question<'_> {
         match self {
-            Equations::System { system, b, k } => {
+            Equations::System { system, b, k, .. } => {
                 Question::System { matrix: system.matrix(), rhs: Columns::new(b, system.n(), *k) }
             }
             Equations::Harmonic { problem, g, k, .. } => {
@@ -106,7 +128,7 @@ impl Equations {
     /// Those of the file system.
     pub fn write(&self, folder: &Path) -> io::Result<(Problem, ArrayFile)> {
         match self {
-            Equations::System { system, b, k } => {
+            Equations::System { system, b, k, .. } => {
                 let matrix = write_matrix(folder, system.matrix())?;
                 let positions = system.positions().map(|p| write_points(folder, p)).transpose()?;
                 let rhs = ArrayFile::write(&folder.join("rhs.f64"), b, *k)?;

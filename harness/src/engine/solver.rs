@@ -108,6 +108,10 @@ mod tests {
     fn peers_have_a_name_and_a_command() {
         let peer: Peer = "eigen=python3 x.py --a=b".parse().unwrap();
         assert_eq!((peer.name.as_str(), peer.command.as_str()), ("eigen", "python3 x.py --a=b"));
-        assert!("eigen".parse::<Peer>().is_err() && "=x".parse::<Peer>().is_err() && "x= ".parse::<Peer>().is_err());
+        assert!(
+            "eigen".parse::<Peer>().is_err()
+                && "=x".parse::<Peer>().is_err()
+                && "x= ".parse::<Peer>().is_err()
+        );
     }
 }

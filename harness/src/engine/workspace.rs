@@ -51,7 +51,8 @@ fn sweep(place: &Path) {
     }
     for folder in fs::read_dir(place).into_iter().flatten().flatten() {
         let name = folder.file_name();
-        let owner = name.to_str().and_then(|n| n.strip_prefix(PREFIX)?.split_once('-')?.0.parse::<u32>().ok());
+        let owner =
+            name.to_str().and_then(|n| n.strip_prefix(PREFIX)?.split_once('-')?.0.parse::<u32>().ok());
         if owner.is_some_and(|id| !Path::new(&format!("/proc/{id}")).exists()) {
             let _ = fs::remove_dir_all(folder.path()); // another user's, or just gone
         }

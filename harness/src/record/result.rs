@@ -222,9 +222,7 @@ impl Summary {
 impl Cell {
     /// Whether both are the same mesh, workload, backend and thread count.
     pub fn same_as(&self, other: &Self) -> bool {
-        let key = |c: &Self| {
-            (c.mesh.name.clone(), c.mesh.sha256.clone(), c.workload.clone(), c.backend.clone(), c.threads)
-        };
+        let key = |c: &Self| (c.mesh.name.clone(), c.workload.clone(), c.backend.clone(), c.threads);
         key(self) == key(other)
     }
 

@@ -1,0 +1,24 @@
+//! What a run solves when more is given than a mesh.
+
+use std::path::PathBuf;
+
+/// Overrides of the default inputs; all optional.
+#[derive(Clone, Debug, Default, clap::Args)]
+#[command(next_help_heading = "Inputs")]
+pub struct Inputs {
+    /// Constraints of `harmonic`: rows `vertex, g_1 .. g_k`
+    #[arg(long, value_name = "FILE.csv")]
+    pub constraints: Option<PathBuf>,
+    /// Right-hand side of system workloads, one row per vertex
+    #[arg(long, value_name = "FILE.npy")]
+    pub rhs: Option<PathBuf>,
+    /// Columns of the default right-hand side
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub columns: Option<u32>,
+    /// tau of `screened`: 1e-4 is nearly the mass matrix, 1e6 nearly the singular Laplacian
+    #[arg(long, value_name = "TAU", default_value_t = lapsolve::workload::screened::DEFAULT_TAU)]
+    pub tau: f64,
+    /// Loop subdivision of every mesh, N times
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=6))]
+    pub subdivide: u32,
+}

@@ -1,0 +1,66 @@
+//! Drives the cells of one task: all are prepared, then measured in rounds, one after the other, never two at once.
+//!
+//! Rounds make slow drift of the machine hit all cells alike; the order within a round is shuffled, so that no cell always
+//! follows the same one.
+
+use super::cell::Running;
+use super::settings::Settings;
+use super::shuffle::Random;
+use crate::process;
+use crate::record::result::Cell;
+use std::collections::VecDeque;
+
+/// What a run hears about its cells.
+pub trait Observer {
+    /// The cell's row has changed; `doing` says what comes next.
+    fn row(&mut self, row: Cell, doing: &str);
+}
+
+/// Measures `cells`. Where memory does not hold all of them at once, they are taken in several batches.
+pub fn measure(cells: Vec<Running<'_>>, settings: &Settings, observer: &mut dyn Observer) {
+    let mut random = Random::new(settings.seed);
+    let mut waiting: VecDeque<Running<'_>> = cells.into();
+    while !waiting.is_empty() {
+        let mut live = prepare(&mut waiting, observer);
+        for round in 1..=settings.rounds {
+            random.shuffle(&mut live);
+            for cell in live.iter_mut().filter(|cell| cell.is_live()) {
+                cell.round();
+                cell.measure_bandwidth();
+                observer.row(cell.row(), &format!("round {round} of {}", settings.rounds));
+            }
+        }
+        for mut cell in live {
+            observer.row(cell.row(), "updates and open-loop frames");
+            cell.finish();
+            observer.row(cell.row(), "done");
+        }
+    }
+}
+
+/// Prepares cells from the front of the queue until memory is short; those that fail are finished at once.
+fn prepare<'a>(waiting: &mut VecDeque<Running<'a>>, observer: &mut dyn Observer) -> Vec<Running<'a>> {
+    let mut live: Vec<Running<'a>> = Vec::new();
+    while let Some(mut cell) = waiting.pop_front() {
+        if !live.is_empty() && !has_room(&live) {
+            waiting.push_front(cell);
+            break;
+        }
+        observer.row(cell.row(), "preparing");
+        cell.begin();
+        if cell.is_live() {
+            observer.row(cell.row(), "prepared");
+            live.push(cell);
+        } else {
+            cell.finish();
+            observer.row(cell.row(), "done");
+        }
+    }
+    live
+}
+
+/// Whether another cell as large as the largest so far fits twice over into the memory that is available.
+fn has_room(live: &[Running<'_>]) -> bool {
+    let largest = live.iter().filter_map(Running::peak_bytes).max().unwrap_or(0);
+    process::available_bytes().is_none_or(|available| available > 2 * largest)
+}

@@ -1,0 +1,209 @@
+//! A workload on a source: equations, reference, and the files that children read. Made once, for all cells.
+
+use super::array_file::ArrayFile;
+use super::check::{Check, ForwardLimit};
+use super::equations::Equations;
+use super::inputs::Inputs;
+use super::protocol::Problem;
+use super::source::{Content, Source};
+use super::workload::Workload;
+use crate::mesh_io::{npy, table};
+use anyhow::{Context, anyhow};
+use lapsolve::columns::Columns;
+use lapsolve::dirichlet::Dirichlet;
+use lapsolve::laplacian::{Laplacian, Weights};
+use lapsolve::limits::Limits;
+use lapsolve::mass::{self, Mass};
+use lapsolve::mesh::TriangleMesh;
+use lapsolve::registry::Entry;
+use lapsolve::sparse::SymmetricCsr;
+use lapsolve::system::System;
+use lapsolve::workload::{harmonic, kharmonic, matrix, screened};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// A workload on a mesh or matrix, ready for any number of cells.
+#[derive(Debug)]
+pub struct Task {
+    /// Which workload.
+    pub workload: Workload,
+    /// Equations with reference.
+    pub check: Check,
+    /// Time to assemble the matrix, nanoseconds.
+    pub assemble_ns: u64,
+    /// What children prepare.
+    pub problem: Problem,
+    /// What they solve for.
+    pub input: ArrayFile,
+    /// Other values on the same pattern, to be refactored; none where the workload has no such values.
+    pub update: Option<Update>,
+    /// Where children put solutions.
+    pub folder: PathBuf,
+}
+
+/// Values for `update`.
+#[derive(Debug)]
+pub struct Update {
+    /// The equations with the new values.
+    pub equations: Equations,
+    /// The new values.
+    pub new: ArrayFile,
+    /// The original ones, to return to.
+    pub original: ArrayFile,
+}
+
+impl Task {
+    /// Makes the equations, solves them for reference with the best of `backends`, and writes the files to `folder`.
+    ///
+    /// # Errors
+    /// Inputs that do not fit, a system that is not acceptable, or a full disk.
+    pub fn new(
+        workload: Workload,
+        source: &Source,
+        inputs: &Inputs,
+        backends: &[Entry],
+        folder: PathBuf,
+    ) -> anyhow::Result<Self> {
+        let begin = Instant::now();
+        let equations = equations(workload, &source.content, inputs)?;
+        let assemble_ns = begin.elapsed().as_nanos() as u64;
+        let updated = other_values(workload, source, inputs, &equations);
+        let (problem, input) = equations.write(&folder)?;
+        let update = updated.map(|changed| Update::write(&folder, &equations, changed)).transpose()?;
+        let check = Check::new(equations, None, forward_limit(workload), backends);
+        Ok(Self { workload, check, assemble_ns, problem, input, update, folder })
+    }
+
+    /// What the answers of a class are held to in this workload.
+    pub fn limits(&self, class: Limits) -> Limits {
+        match self.workload {
+            // f64 itself runs out: only a backward error that says "the solver did something" is asked for.
+            Workload::Kharmonic2 | Workload::Kharmonic3 => {
+                Limits { backward_error: Some(kharmonic::BACKWARD_ERROR), ..class }
+            }
+            _ => class,
+        }
+    }
+
+    /// A solution (rows x k) as one row per vertex; vertices without an equation get 0.
+    pub fn on_vertices(&self, x: &[f64]) -> Vec<f64> {
+        self.check.equations.on_vertices(x)
+    }
+
+    /// A path for a child's solution.
+    pub fn solution_path(&self, child: usize) -> PathBuf {
+        self.folder.join(format!("solution-{child}.f64"))
+    }
+}
+
+impl Update {
+    fn write(folder: &Path, equations: &Equations, changed: Equations) -> std::io::Result<Self> {
+        let new = ArrayFile::write(&folder.join("values-new.f64"), changed.values(), 1)?;
+        let original = ArrayFile::write(&folder.join("values-original.f64"), equations.values(), 1)?;
+        Ok(Self { equations: changed, new, original })
+    }
+}
+
+fn forward_limit(workload: Workload) -> ForwardLimit {
+    match workload {
+        Workload::Harmonic => |l| Some(l.harmonic),
+        Workload::Kharmonic2 | Workload::Kharmonic3 => |_| None,
+        _ => |l| Some(l.poisson),
+    }
+}
+
+/// The equations of a workload on a mesh or matrix.
+///
+/// # Errors
+/// Inputs that do not fit, or a system that is not acceptable.
+pub fn equations(workload: Workload, content: &Content, inputs: &Inputs) -> anyhow::Result<Equations> {
+    match (workload, content) {
+        (Workload::Matrix, Content::Matrix(matrix)) => of_matrix(matrix, inputs),
+        (Workload::Harmonic, Content::Mesh(mesh)) => of_harmonic(mesh, inputs),
+        (_, Content::Mesh(mesh)) => of_mass_and_stiffness(workload, mesh, inputs),
+        (_, Content::Matrix(_)) => {
+            Err(anyhow!("`{workload}` needs a mesh; a matrix has the workload `matrix`"))
+        }
+    }
+}
+
+fn of_matrix(a: &SymmetricCsr, inputs: &Inputs) -> anyhow::Result<Equations> {
+    let (b, k) = match &inputs.rhs {
+        Some(path) => npy::read_columns(path, a.n()).map(|(k, b)| (b, k))?,
+        None => {
+            let k = inputs.columns.map_or(matrix::COLUMNS, |k| k as usize);
+            (matrix::default_right_hand_side(a, k), k)
+        }
+    };
+    Ok(Equations::System { system: System::new(a.clone(), None)?, b, k, vertices: None })
+}
+
+fn of_harmonic(mesh: &TriangleMesh, inputs: &Inputs) -> anyhow::Result<Equations> {
+    let laplacian = Laplacian::assemble(mesh, Weights::Plain).into_matrix();
+    let (fixed, g, k) = match &inputs.constraints {
+        Some(path) => {
+            let table = table::read_constraints(path, mesh.positions().len())?;
+            (table.vertices, table.values, table.k)
+        }
+        None => {
+            let constraints = harmonic::Constraints::sample(mesh, &laplacian, harmonic::DEFAULT_CONSTRAINTS);
+            let fixed = constraints.default_set();
+            let (g, k) = match inputs.columns {
+                Some(k) => (matrix::default_solution(fixed.len(), k as usize), k as usize),
+                None => (harmonic::default_values(mesh, &fixed), harmonic::COLUMNS),
+            };
+            (fixed, g, k)
+        }
+    };
+    let problem = Box::new(Dirichlet::new(laplacian, Some(mesh.positions()), &fixed)?);
+    Ok(Equations::Harmonic { problem, positions: Some(mesh.positions().to_vec()), g, k })
+}
+
+/// `screened` and `kharmonic`: M f on the right, f = the positions unless given.
+fn of_mass_and_stiffness(
+    workload: Workload,
+    mesh: &TriangleMesh,
+    inputs: &Inputs,
+) -> anyhow::Result<Equations> {
+    let n = mesh.positions().len();
+    let laplacian = Laplacian::assemble(mesh, Weights::Plain).into_matrix();
+    let mass = mass::lumped(mesh, Mass::Voronoi);
+    let vertex_system = match workload {
+        Workload::Kharmonic1 => kharmonic::system(mesh, &laplacian, &mass, 1),
+        Workload::Kharmonic2 => kharmonic::system(mesh, &laplacian, &mass, 2),
+        Workload::Kharmonic3 => kharmonic::system(mesh, &laplacian, &mass, 3),
+        _ => screened::system(mesh, &laplacian, &mass, inputs.tau),
+    }
+    .with_context(|| format!("the system of `{workload}`"))?;
+    let (f, k) = match (&inputs.rhs, inputs.columns) {
+        (Some(path), _) => npy::read_columns(path, n).map(|(k, f)| (f, k))?,
+        (None, Some(k)) => (matrix::default_solution(n, k as usize), k as usize),
+        (None, None) => (mesh.positions().as_flattened().to_vec(), 3),
+    };
+    let b = screened::right_hand_side(&vertex_system, &mass, Columns::new(&f[..], n, k));
+    let vertices = Some((vertex_system.vertices().to_vec(), n));
+    Ok(Equations::System { system: vertex_system.system().clone(), b, k, vertices })
+}
+
+/// How far a mesh is stretched along z for other values on the same pattern.
+const STRETCH: f64 = 1.25;
+
+/// The equations with the values of a stretched mesh, or of twice the matrix. None where stretching changes the pattern.
+fn other_values(
+    workload: Workload,
+    source: &Source,
+    inputs: &Inputs,
+    equations: &Equations,
+) -> Option<Equations> {
+    let mesh = match &source.content {
+        Content::Matrix(_) => {
+            return equations.with_values(&equations.values().iter().map(|v| 2.0 * v).collect::<Vec<_>>());
+        }
+        Content::Mesh(mesh) => mesh,
+    };
+    let stretched = mesh.positions().iter().map(|&[x, y, z]| [x, y, STRETCH * z]).collect();
+    let stretched = mesh.with_positions(stretched).ok()?;
+    let other = self::equations(workload, &Content::Mesh(stretched), inputs).ok()?;
+    let same = equations.pattern() == other.pattern();
+    if same { equations.with_values(other.values()) } else { None }
+}

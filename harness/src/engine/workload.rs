@@ -1,0 +1,58 @@
+//! The names of the workloads.
+
+use clap::ValueEnum;
+
+/// What is solved on a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, ValueEnum)]
+pub enum Workload {
+    /// Harmonic field from values at 50 vertices: L u = 0 on the free vertices
+    Harmonic,
+    /// Screened Poisson (M + t L) u = M x
+    Screened,
+    /// (L + M) u = M x, the public benchmark's k = 1
+    #[value(name = "kharmonic-1")]
+    Kharmonic1,
+    /// (L M^-1 L + M) u = M x, k = 2
+    #[value(name = "kharmonic-2")]
+    Kharmonic2,
+    /// (L M^-1 L M^-1 L + M) u = M x, k = 3
+    #[value(name = "kharmonic-3")]
+    Kharmonic3,
+    /// A x = b for a matrix given with --matrix
+    Matrix,
+}
+
+impl Workload {
+    /// All workloads.
+    pub const ALL: [Self; 6] =
+        [Self::Harmonic, Self::Screened, Self::Kharmonic1, Self::Kharmonic2, Self::Kharmonic3, Self::Matrix];
+
+    /// The name on the command line and in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Workload::Harmonic => "harmonic",
+            Workload::Screened => "screened",
+            Workload::Kharmonic1 => "kharmonic-1",
+            Workload::Kharmonic2 => "kharmonic-2",
+            Workload::Kharmonic3 => "kharmonic-3",
+            Workload::Matrix => "matrix",
+        }
+    }
+
+    /// What it is, in a line.
+    pub fn meaning(self) -> String {
+        let help = self.to_possible_value().and_then(|value| value.get_help().map(ToString::to_string));
+        help.unwrap_or_default()
+    }
+
+    /// Whether it needs a mesh (all but matrix input).
+    pub fn needs_mesh(self) -> bool {
+        self != Workload::Matrix
+    }
+}
+
+impl std::fmt::Display for Workload {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}

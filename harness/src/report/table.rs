@@ -1,0 +1,176 @@
+//! The cells of a result as a table for the terminal, and as full rows for CSV.
+
+use super::rows::Rows;
+use crate::record::names::Status;
+use crate::record::result::{Cell, Summary};
+use std::fmt::Write;
+
+/// One row per cell, short enough for 100 columns of a terminal. Times in milliseconds, memory in 2^20 bytes.
+pub fn overview(cells: &[Cell]) -> Rows {
+    let mut rows = Rows::new([
+        "mesh", "workload", "backend", "thr", "status", "setup ms", "solve ms", "fps", "eta", "error", "MiB",
+        "% read",
+    ]);
+    for cell in cells {
+        let threads = cell.threads.to_string();
+        let percent = cell.bandwidth.fraction_of_read.map(|f| format!("{:.0}", 100.0 * f));
+        rows.push([
+            &cell.mesh.name,
+            &cell.workload,
+            &cell.backend,
+            &threads,
+            cell.status.name(),
+            &milliseconds(set_up(cell)),
+            &milliseconds(median(cell)),
+            &cell.frames_per_second.map_or_else(String::new, significant),
+            &scientific(cell.accuracy.backward_error),
+            &scientific(cell.accuracy.forward_error),
+            &cell.peak_rss_bytes.map_or_else(String::new, |b| (b >> 20).to_string()),
+            &percent.unwrap_or_default(),
+        ]);
+    }
+    rows
+}
+
+/// The main figures of every cell, in raw units.
+pub fn full(cells: &[Cell]) -> Rows {
+    let mut rows = Rows::new([
+        "mesh",
+        "triangles",
+        "vertices",
+        "workload",
+        "backend",
+        "threads",
+        "status",
+        "reason",
+        "load_ns",
+        "assemble_ns",
+        "order_ns",
+        "symbolic_ns",
+        "numeric_ns",
+        "upload_ns",
+        "first_solve_ns",
+        "samples",
+        "solve_min_ns",
+        "solve_p50_ns",
+        "solve_p95_ns",
+        "solve_max_ns",
+        "frame_p50_ns",
+        "update_p50_ns",
+        "backward_error",
+        "forward_error",
+        "factor_nonzeros",
+        "peak_rss_bytes",
+        "allocations_per_frame",
+        "iterations",
+        "fraction_of_read",
+    ]);
+    for c in cells {
+        let p = &c.phases_ns;
+        let steady = if c.frame_ns.samples.is_some() { &c.frame_ns } else { &c.solve_ns };
+        rows.push(
+            [
+                c.mesh.name.clone(),
+                text(c.mesh.triangles),
+                text(c.mesh.vertices),
+                c.workload.clone(),
+                c.backend.clone(),
+                c.threads.to_string(),
+                c.status.to_string(),
+                c.reason.clone().unwrap_or_default(),
+                text(p.load),
+                text(p.assemble),
+                text(p.order),
+                text(p.symbolic),
+                text(p.numeric),
+                text(p.upload),
+                text(p.first_solve),
+                text(steady.samples),
+                text(c.solve_ns.min),
+                text(c.solve_ns.p50),
+                text(c.solve_ns.p95),
+                text(c.solve_ns.max),
+                text(c.frame_ns.p50),
+                text(c.update_ns.p50),
+                text(c.accuracy.backward_error),
+                text(c.accuracy.forward_error),
+                text(c.factor.nonzeros),
+                text(c.peak_rss_bytes),
+                text(c.allocations_per_frame),
+                text(c.iterations),
+                text(c.bandwidth.fraction_of_read),
+            ]
+            .each_ref()
+            .map(String::as_str),
+        );
+    }
+    rows
+}
+
+/// A line for every cell that is not `ok`, saying why.
+pub fn reasons(cells: &[Cell]) -> String {
+    let mut lines = String::new();
+    for cell in cells.iter().filter(|cell| cell.status != Status::Ok) {
+        let reason = cell.reason.as_deref().unwrap_or("no reason given");
+        let Cell { mesh, workload, backend, threads, status, .. } = cell;
+        let _ =
+            writeln!(lines, "{}, {workload}, {backend}, {threads} thread(s): {status}: {reason}", mesh.name);
+    }
+    lines
+}
+
+/// Median of the cell's frames, or solves where a frame is one.
+pub fn median(cell: &Cell) -> Option<u64> {
+    let Summary { p50, .. } = cell.frame_ns;
+    p50.or(cell.solve_ns.p50)
+}
+
+/// Everything between the assembled matrix and the first solve.
+pub fn set_up(cell: &Cell) -> Option<u64> {
+    let p = &cell.phases_ns;
+    let phases = [p.order, p.symbolic, p.numeric, p.upload];
+    phases.iter().any(Option::is_some).then(|| phases.into_iter().flatten().sum())
+}
+
+fn text<T: ToString>(value: Option<T>) -> String {
+    value.map_or_else(String::new, |v| v.to_string())
+}
+
+fn milliseconds(ns: Option<u64>) -> String {
+    ns.map_or_else(String::new, |ns| significant(ns as f64 * 1e-6))
+}
+
+fn scientific(x: Option<f64>) -> String {
+    match x {
+        Some(0.0) => "0".to_owned(),
+        Some(x) => format!("{x:.1e}"),
+        None => String::new(),
+    }
+}
+
+/// Three significant digits, without exponent.
+fn significant(x: f64) -> String {
+    let digits = if x > 0.0 { x.log10().floor() as i32 + 1 } else { 1 };
+    let decimals = (3 - digits).clamp(0, 6) as usize;
+    format!("{x:.decimals$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_digits() {
+        assert_eq!(
+            [0.0, 0.01234, 1.234, 56.78, 1234.5].map(significant),
+            ["0.00", "0.0123", "1.23", "56.8", "1234"]
+        );
+    }
+
+    #[test]
+    fn unknown_figures_are_blank() {
+        let rows = overview(&[Cell::default()]);
+        assert_eq!(rows.rows[0][5..], [""; 7].map(String::from));
+        assert!(reasons(&[Cell::default()]).contains("error: no reason given"));
+    }
+}
