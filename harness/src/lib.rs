@@ -20,6 +20,7 @@ pub mod process;
 pub mod record;
 pub mod reference;
 pub mod render;
+pub mod report;
 pub mod shapes;
 pub mod statistics;
 pub mod subdivision;

@@ -1,12 +1,12 @@
 //! One cell while it is measured: its process, its samples, its row.
 
+use super::bandwidth;
 use super::protocol::{Described, Memory, Prepared, Request, Timed, VERSION};
 use super::session::{Failure, Session};
 use super::settings::Settings;
 use super::solver::Solver;
 use super::source::Source;
 use super::task::Task;
-use super::{bandwidth, protocol};
 use crate::record::names::{Accuracy as Class, Status};
 use crate::record::result::{Bandwidth, Cell, Factor, OpenLoop, Phases, Summary};
 use crate::statistics::{binomial, frames, percentiles};
@@ -369,7 +369,7 @@ impl<'a> Running<'a> {
     }
 
     fn memory(&mut self) -> Result<(), Failure> {
-        let held: protocol::Memory = self.ask::<Memory>(Request::Memory)?;
+        let held: Memory = self.ask(Request::Memory)?;
         self.cell.peak_rss_bytes = held.peak_rss_bytes;
         self.cell.factor = Factor {
             nonzeros: held.factor_nonzeros,

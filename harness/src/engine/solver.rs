@@ -1,7 +1,7 @@
 //! What fills the backend column: a built-in backend or a foreign program, and the command that starts its process.
 
 use crate::process;
-use anyhow::{Context, bail};
+use anyhow::Context;
 use lapsolve::registry::Entry;
 use std::path::PathBuf;
 use std::process::Command;
@@ -97,7 +97,7 @@ pub fn become_peer(line: &str) -> anyhow::Result<()> {
         Err(error).context("cannot start `sh`")
     }
     #[cfg(not(unix))]
-    bail!("foreign peers need a Unix shell: {line}")
+    anyhow::bail!("foreign peers need a Unix shell: {line}")
 }
 
 #[cfg(test)]

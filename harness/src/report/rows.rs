@@ -1,6 +1,7 @@
 //! Rows of text, and the forms in which they are printed.
 
 use crate::cmd::output::Format;
+use comfy_table::{LineStyle, TableStyle};
 
 /// Rows of text with a header, printed in any [`Format`] but JSON.
 #[derive(Clone, Debug, Default)]
@@ -52,13 +53,23 @@ impl Rows {
         text
     }
 
+    /// Columns of numbers to the right, text to the left, a line below the header, nothing else.
     fn table(&self) -> String {
         let mut table = comfy_table::Table::new();
-        table.set_content_arrangement(comfy_table::ContentArrangement::Dynamic);
+        table.load_style(STYLE).set_content_arrangement(comfy_table::ContentArrangement::Dynamic);
         table.set_header(&self.header).add_rows(&self.rows);
-        table.to_string()
+        for (i, column) in table.column_iter_mut().enumerate() {
+            column.set_padding((0, 1));
+            let numbers = |row: &Vec<String>| row[i].is_empty() || row[i].parse::<f64>().is_ok();
+            if self.rows.iter().all(numbers) {
+                column.set_cell_alignment(comfy_table::CellAlignment::Right);
+            }
+        }
+        table.trim_fmt()
     }
 }
+
+const STYLE: TableStyle = TableStyle::new().header_separator(LineStyle::none().fill('-').junction('-'));
 
 /// RFC 4180: fields with commas, quotes or line breaks are quoted, quotes doubled.
 fn quote_csv(field: &str) -> String {
