@@ -1,5 +1,5 @@
 //! Recursive bisection of one domain of a coarse graph: initial separators.
-use super::coarsen::View;
+use super::coarsen::{Level, View, coarsen};
 use super::refine::{Labels, Refiner, Region, Sizes, Split, UNKNOWN};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -15,53 +15,57 @@ pub(super) struct Limits {
 /// The children of every node of a small tree; node 0 is the root.
 pub(super) type Children = Vec<Option<[u32; 2]>>;
 
-/// Passes of refinement after each growth.
-const PASSES: usize = 3;
+/// Passes of refinement to each side, after each growth and on each level.
+const PASSES: usize = 4;
+/// Multilevel bisections tried on a part of more than [`LARGE`] vertices: its separator is among the few that
+/// dominate the fill, and such parts are few.
+const RUNS_LARGE: usize = 4;
+/// See [`RUNS_LARGE`].
+const LARGE: usize = 400;
+/// Vertices joined per step of the small multilevel scheme: pairs.
+const PAIR: u64 = 2;
+/// Seeds from which a separator is grown on the coarsest graph of the small multilevel scheme.
+const TRIES: usize = 4;
+/// Vertices of that coarsest graph, at most (unless coarsening stalls).
+const SMALLEST: usize = 50;
+
+/// The sides and the separator of a bisection, as labels.
+#[derive(Clone, Copy)]
+struct Two;
+
+const SEPARATOR: u32 = 2;
+
+impl Split for Two {
+    #[inline]
+    fn side(&self, label: u32) -> usize {
+        label as usize
+    }
+
+    fn own(&self) -> u32 {
+        SEPARATOR
+    }
+
+    fn label_on(&self, side: usize, _: impl Iterator<Item = u32>) -> u32 {
+        side as u32
+    }
+}
+
+/// A part of the domain as a graph of its own.
+struct Part {
+    level: Level,
+    /// Per vertex, the member of the domain it stands for.
+    members: Vec<u32>,
+}
 
 /// Workspace for the recursive bisection of one domain after the other.
 #[derive(Default)]
 pub(super) struct Bisector {
     refiner: Refiner,
-    // The domain as a graph of its own.
-    starts: Vec<u32>,
-    neighbours: Vec<u32>,
-    weights: Vec<u32>,
     labels: Vec<AtomicU32>,
     slots: Vec<AtomicU32>,
-    // Breadth-first search, the separator at work, and the best state so far.
     queue: Vec<u32>,
     separator: Vec<u32>,
-    best: Vec<u32>,
-}
-
-/// A separator between two plain labels.
-#[derive(Clone, Copy)]
-struct Three {
-    own: u32,
-    sides: [u32; 2],
-}
-
-impl Split for Three {
-    #[inline]
-    fn side(&self, label: u32) -> usize {
-        if label == self.sides[0] {
-            0
-        } else if label == self.sides[1] {
-            1
-        } else if label == self.own {
-            2
-        } else {
-            3
-        }
-    }
-
-    fn own(&self) -> u32 {
-        self.own
-    }
-
-    fn label_on(&self, side: usize, _: impl Iterator<Item = u32>) -> u32 {
-        self.sides[side]
-    }
+    random: u64,
 }
 
 impl Bisector {
@@ -70,173 +74,183 @@ impl Bisector {
     pub fn dissect(
         &mut self,
         graph: View<'_>,
+        edge_weights: &[u32],
         members: &[u32],
         index: &Labels,
         limits: Limits,
     ) -> (Children, Vec<u32>) {
-        self.extract(graph, members, index);
         let mut tree = vec![None];
-        let mut part: Vec<u32> = (0..members.len() as u32).collect();
-        self.cut(&mut part, 0, &mut tree, limits);
-        (tree, self.labels.iter().map(|l| l.load(Relaxed)).collect())
+        let mut nodes = vec![0; members.len()];
+        self.random = 0x9E37_79B9_7F4A_7C15;
+        let level = extract(graph, edge_weights, members, index);
+        let part = Part { level, members: (0..members.len() as u32).collect() };
+        self.cut(&part, 0, &mut tree, &mut nodes, limits);
+        (tree, nodes)
     }
 
-    /// Copies the graph induced by the members, in their order.
-    fn extract(&mut self, graph: View<'_>, members: &[u32], index: &Labels) {
-        for (k, &v) in members.iter().enumerate() {
-            index[v as usize].store(k as u32, Relaxed);
-        }
-        self.starts.clear();
-        self.neighbours.clear();
-        self.weights.clear();
-        self.starts.push(0);
-        for &v in members {
-            let inside = graph.neighbours(v).iter().map(|&w| index[w as usize].load(Relaxed));
-            self.neighbours.extend(inside.filter(|&k| k != UNKNOWN));
-            self.starts.push(self.neighbours.len() as u32);
-            self.weights.push(graph.weight(v));
-        }
-        for &v in members {
-            index[v as usize].store(UNKNOWN, Relaxed);
-        }
-        self.labels.clear();
-        self.labels.resize_with(members.len(), || AtomicU32::new(0));
-        self.slots.clear();
-        self.slots.resize_with(members.len(), || AtomicU32::new(UNKNOWN));
-    }
-
-    /// Cuts one part, whose vertices all bear the label `own`, and then what it fell into.
-    fn cut(&mut self, part: &mut [u32], own: u32, tree: &mut Children, limits: Limits) {
-        let weight: u64 = part.iter().map(|&v| u64::from(self.weights[v as usize])).sum();
-        if weight <= limits.leaf_weight || part.len() <= limits.least_vertices.max(1) {
-            return;
-        }
-        let split = Three { own, sides: [tree.len() as u32, tree.len() as u32 + 1] };
-        if !self.bisect(part, &split, weight) {
-            self.set_all(part, own);
-            return;
-        }
-        tree[own as usize] = Some(split.sides);
+    /// Cuts one part and then what it fell into; `own` is its node of the tree.
+    fn cut(&mut self, part: &Part, own: u32, tree: &mut Children, nodes: &mut [u32], limits: Limits) {
+        let Some(labels) = self.best_cut(&part.level) else { return };
+        let sides = [tree.len() as u32, tree.len() as u32 + 1];
+        tree[own as usize] = Some(sides);
         tree.extend([None, None]);
-        let first = self.partition(part, split.sides[0]);
-        let (left, rest) = part.split_at_mut(first);
-        let second = self.partition(rest, split.sides[1]);
-        self.cut(left, split.sides[0], tree, limits);
-        self.cut(&mut rest[..second], split.sides[1], tree, limits);
-    }
-
-    fn set_all(&self, part: &[u32], label: u32) {
-        for &v in part {
-            self.labels[v as usize].store(label, Relaxed);
+        for (&member, &label) in part.members.iter().zip(&labels) {
+            nodes[member as usize] = if label == SEPARATOR { own } else { sides[label as usize] };
         }
-    }
-
-    /// Brings the vertices with this label to the front, in their order, and returns their number.
-    fn partition(&mut self, part: &mut [u32], label: u32) -> usize {
-        self.queue.clear();
-        let mut count = 0;
-        for at in 0..part.len() {
-            let v = part[at];
-            if self.labels[v as usize].load(Relaxed) == label {
-                part[count] = v;
-                count += 1;
-            } else {
-                self.queue.push(v);
+        for side in 0..2 {
+            let inside: Vec<u32> = (0..labels.len() as u32).filter(|&v| labels[v as usize] == side).collect();
+            let weight: u64 = inside.iter().map(|&v| u64::from(part.level.weights[v as usize])).sum();
+            if weight > limits.leaf_weight && inside.len() > limits.least_vertices.max(1) {
+                let level = extract(part.level.view(), &part.level.edge_weights, &inside, &self.slots);
+                let members = inside.iter().map(|&v| part.members[v as usize]).collect();
+                self.cut(&Part { level, members }, sides[side as usize], tree, nodes, limits);
             }
         }
-        part[count..].copy_from_slice(&self.queue);
-        count
     }
 
-    /// Finds a separator of a part and labels it; `false` if none is worth having.
-    fn bisect(&mut self, part: &[u32], split: &Three, weight: u64) -> bool {
-        self.set_all(part, split.sides[1]);
-        let reached = self.search(part[0], split.sides[1]);
-        if reached < part.len() {
-            self.pack_components(part, split);
-            return true;
+    /// The best of several cuts, as labels; `None` if none is worth having.
+    fn best_cut(&mut self, level: &Level) -> Option<Vec<u32>> {
+        self.reset(level.view().n());
+        if let Some(labels) = self.pack_components(level.view()) {
+            return Some(labels);
         }
-        let mut best: Option<Sizes> = None;
-        let mut seed = *self.queue.last().expect("the search starts with a vertex");
-        for attempt in 0..TRIES {
-            self.set_all(part, split.sides[1]);
-            if attempt > 0 {
-                self.search(seed, split.sides[1]);
-                seed = *self.queue.last().expect("the search starts with a vertex");
+        let runs = if level.view().n() > LARGE { RUNS_LARGE } else { 1 };
+        let mut best: Option<(Sizes, Vec<u32>)> = None;
+        for _ in 0..runs {
+            let found = self.multilevel(level);
+            if best.as_ref().is_none_or(|b| found.0.better_than(&b.0)) {
+                best = Some(found);
             }
-            let sizes = self.attempt(seed, split, weight);
-            if best.is_none_or(|b| sizes.better_than(&b)) {
-                best = Some(sizes);
-                self.best.clear();
-                self.best.extend(part.iter().map(|&v| self.labels[v as usize].load(Relaxed)));
+        }
+        let weight: u64 = level.weights.iter().map(|&w| u64::from(w)).sum();
+        best.filter(|(sizes, _)| sizes.0[0] > 0 && sizes.0[1] > 0 && 2 * sizes.0[2] < weight)
+            .map(|(_, labels)| labels)
+    }
+
+    fn next_random(&mut self) -> u64 {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        self.random
+    }
+
+    fn multilevel(&mut self, level: &Level) -> (Sizes, Vec<u32>) {
+        let view = level.view();
+        if view.n() > SMALLEST {
+            let mut visit: Vec<u32> = (0..view.n() as u32).collect();
+            for i in (1..visit.len()).rev() {
+                let j = (self.next_random() % (i as u64 + 1)) as usize;
+                visit.swap(i, j);
             }
-            if attempt == 1 {
-                // Across the first two cuts: from an end of the separator.
-                if let Some(&v) = self.separator.first() {
-                    seed = v;
+            let coarse = coarsen(view, &level.edge_weights, PAIR, &visit);
+            if coarse.weights.len() * 10 < view.n() * 9 {
+                let (sizes, labels) = self.multilevel(&coarse);
+                self.reset(view.n());
+                self.separator.clear();
+                for v in 0..view.n() {
+                    let label = labels[coarse.patch[v] as usize];
+                    self.labels[v].store(label, Relaxed);
+                    if label == SEPARATOR {
+                        self.separator.push(v as u32);
+                    }
                 }
+                let region = Region { graph: view, labels: &self.labels, slots: &self.slots, split: Two };
+                let sizes = self.refiner.refine(&region, &mut self.separator, sizes, PASSES);
+                return (sizes, self.plain(view.n()));
             }
         }
-        for (&v, &label) in part.iter().zip(&self.best) {
-            self.labels[v as usize].store(label, Relaxed);
+        self.grow(view)
+    }
+
+    fn plain(&self, n: usize) -> Vec<u32> {
+        self.labels[..n].iter().map(|l| l.load(Relaxed)).collect()
+    }
+
+    fn reset(&mut self, n: usize) {
+        if self.labels.len() < n {
+            self.labels.resize_with(n, || AtomicU32::new(0));
+            self.slots.resize_with(n, || AtomicU32::new(UNKNOWN));
         }
-        best.is_some_and(|b| b.cost().is_finite() && 2 * b.0[2] < weight)
     }
 
-    /// Grows a side from the seed and refines.
-    fn attempt(&mut self, seed: u32, split: &Three, weight: u64) -> Sizes {
-        self.labels[seed as usize].store(split.own, Relaxed);
-        self.separator.clear();
-        self.separator.push(seed);
-        let own = u64::from(self.weights[seed as usize]);
-        let sizes = Sizes([0, weight - own, own]);
-        let graph = View { starts: &self.starts, neighbours: &self.neighbours, weights: &self.weights };
-        let region = Region { graph, labels: &self.labels, slots: &self.slots, split: *split };
-        let sizes = self.refiner.grow(&region, &mut self.separator, sizes);
-        self.refiner.refine(&region, &mut self.separator, sizes, PASSES)
-    }
-
-    /// Breadth-first search from v among the vertices with a label; `queue` receives them in order of distance.
-    fn search(&mut self, v: u32, label: u32) -> usize {
-        self.queue.clear();
-        self.queue.push(v);
-        self.slots[v as usize].store(0, Relaxed);
-        let mut at = 0;
-        while at < self.queue.len() {
-            let v = self.queue[at];
-            at += 1;
-            let range = self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
-            for &w in &self.neighbours[range] {
-                let free = self.slots[w as usize].load(Relaxed) == UNKNOWN;
-                if free && self.labels[w as usize].load(Relaxed) == label {
-                    self.slots[w as usize].store(0, Relaxed);
-                    self.queue.push(w);
-                }
+    /// Separators grown from several seeds; the best.
+    fn grow(&mut self, view: View<'_>) -> (Sizes, Vec<u32>) {
+        self.reset(view.n());
+        let weight: u64 = view.weights.iter().map(|&w| u64::from(w)).sum();
+        let mut best: Option<(Sizes, Vec<u32>)> = None;
+        for _ in 0..TRIES {
+            for label in &self.labels[..view.n()] {
+                label.store(1, Relaxed);
+            }
+            let seed = (self.next_random() % view.n() as u64) as u32;
+            self.labels[seed as usize].store(SEPARATOR, Relaxed);
+            self.separator.clear();
+            self.separator.push(seed);
+            let own = u64::from(view.weight(seed));
+            let region = Region { graph: view, labels: &self.labels, slots: &self.slots, split: Two };
+            let sizes = self.refiner.grow(&region, &mut self.separator, Sizes([0, weight - own, own]));
+            let sizes = self.refiner.refine(&region, &mut self.separator, sizes, PASSES);
+            if best.as_ref().is_none_or(|b| sizes.better_than(&b.0)) {
+                best = Some((sizes, self.plain(view.n())));
             }
         }
-        for &v in &self.queue {
-            self.slots[v as usize].store(UNKNOWN, Relaxed);
-        }
-        self.queue.len()
+        best.expect("at least one try")
     }
 
-    /// Distributes the components of a part over the two sides, each to the lighter one: no separator is needed.
-    fn pack_components(&mut self, part: &[u32], split: &Three) {
+    /// Distributes the components of a disconnected graph over the two sides, each to the lighter one: no separator
+    /// is needed. `None` if the graph is connected.
+    fn pack_components(&mut self, view: View<'_>) -> Option<Vec<u32>> {
+        const FREE: u32 = 3;
+        let mut labels = vec![FREE; view.n()];
         let mut sides = [0_u64; 2];
-        self.set_all(part, split.own);
-        for &v in part {
-            if self.labels[v as usize].load(Relaxed) != split.own {
+        for v in 0..view.n() as u32 {
+            if labels[v as usize] != FREE {
                 continue;
             }
-            self.search(v, split.own);
-            let side = usize::from(sides[1] < sides[0]);
-            for &w in &self.queue {
-                self.labels[w as usize].store(split.sides[side], Relaxed);
-                sides[side] += u64::from(self.weights[w as usize]);
+            let side = u32::from(sides[1] < sides[0]);
+            self.queue.clear();
+            self.queue.push(v);
+            labels[v as usize] = side;
+            let mut at = 0;
+            while at < self.queue.len() {
+                let v = self.queue[at];
+                at += 1;
+                sides[side as usize] += u64::from(view.weight(v));
+                for &w in view.neighbours(v) {
+                    if labels[w as usize] == FREE {
+                        labels[w as usize] = side;
+                        self.queue.push(w);
+                    }
+                }
+            }
+            if self.queue.len() == view.n() {
+                return None;
             }
         }
+        Some(labels)
     }
 }
 
-/// Seeds tried per cut.
-const TRIES: usize = 3;
+/// Copies the graph induced by the members, in their order.
+fn extract(graph: View<'_>, edge_weights: &[u32], members: &[u32], index: &Labels) -> Level {
+    for (k, &v) in members.iter().enumerate() {
+        index[v as usize].store(k as u32, Relaxed);
+    }
+    let mut level = Level::default();
+    level.starts.push(0);
+    for &v in members {
+        for at in graph.starts[v as usize] as usize..graph.starts[v as usize + 1] as usize {
+            let k = index[graph.neighbours[at] as usize].load(Relaxed);
+            if k != UNKNOWN {
+                level.neighbours.push(k);
+                level.edge_weights.push(edge_weights.get(at).copied().unwrap_or(1));
+            }
+        }
+        level.starts.push(level.neighbours.len() as u32);
+        level.weights.push(graph.weight(v));
+    }
+    for &v in members {
+        index[v as usize].store(UNKNOWN, Relaxed);
+    }
+    level
+}

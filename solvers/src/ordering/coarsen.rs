@@ -48,24 +48,25 @@ impl Level {
 
 /// A patch takes no further vertex beyond this many times the average weight of its vertices: about a star of a
 /// triangle mesh (a vertex and its six neighbours), so that patches stay round and of similar size.
-const PATCH_SIZE: u64 = 4;
+pub(super) const PATCH_SIZE: u64 = 4;
 
 /// The next coarser level of `fine`. `edge_weights` is empty where every edge counts 1. Cost: O(n + |E|).
-pub(super) fn coarsen(fine: View<'_>, edge_weights: &[u32]) -> Level {
-    let (patch, count) = patches(fine, edge_weights);
+pub(super) fn coarsen(fine: View<'_>, edge_weights: &[u32], patch_size: u64, visit: &[u32]) -> Level {
+    let (patch, count) = patches(fine, edge_weights, patch_size, visit);
     contract(fine, edge_weights, patch, count)
 }
 
 /// Partitions the vertices into connected patches: each free vertex takes its free neighbours; one without any
 /// joins the neighbouring patch with which it shares most edges, unless that is full. Returns the patch of each
 /// vertex and the number of patches.
-fn patches(fine: View<'_>, edge_weights: &[u32]) -> (Vec<u32>, usize) {
+fn patches(fine: View<'_>, edge_weights: &[u32], patch_size: u64, visit: &[u32]) -> (Vec<u32>, usize) {
     let total: u64 = fine.weights.iter().map(|&w| u64::from(w)).sum();
-    let limit = (PATCH_SIZE * total).div_ceil(fine.n().max(1) as u64);
+    let limit = (patch_size * total).div_ceil(fine.n().max(1) as u64);
     let mut patch = vec![NONE; fine.n()];
     let mut sizes: Vec<u64> = Vec::new();
     let mut free: Vec<(u32, u32)> = Vec::new();
-    for v in 0..fine.n() as u32 {
+    for k in 0..fine.n() as u32 {
+        let v = visit.get(k as usize).copied().unwrap_or(k);
         if patch[v as usize] != NONE {
             continue;
         }

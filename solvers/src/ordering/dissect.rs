@@ -14,11 +14,16 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// Coarsening ends at this many vertices.
-const COARSEST: usize = 200;
+const COARSEST: usize = 3000;
 /// ... or when a level keeps more than this share of the vertices.
 const STALLED: f64 = 0.8;
-/// Limits of the cuts.
-const LIMITS: Limits = Limits { leaf_weight: 160, least_vertices: 60 };
+/// A part of at most this many vertices of the graph becomes a leaf.
+const LEAF_WEIGHT: u64 = 160;
+/// A part of at most this many vertices of a level is cut on a finer one.
+const LEAST_VERTICES: usize = 40;
+fn limits() -> Limits {
+    Limits { leaf_weight: LEAF_WEIGHT, least_vertices: LEAST_VERTICES }
+}
 /// Passes of refinement per level and separator.
 const PASSES: usize = 6;
 /// Subtrees lighter than this many vertices of the level are refined by one thread.
@@ -198,7 +203,8 @@ pub fn nested_dissection(graph: &Graph) -> Ordering {
             refine_level(view, &labels, &slots, &tree);
             children = tree.children;
         }
-        cut_level(view, &labels, &slots, &mut children, depth == 0);
+        let edges = if depth == 0 { &[][..] } else { &hierarchy[depth - 1].edge_weights };
+        cut_level(view, edges, &labels, &slots, &mut children, depth == 0);
     }
     finish(finest, &labels, &children, root)
 }
@@ -215,7 +221,7 @@ fn hierarchy(finest: View<'_>) -> Vec<Level> {
         if view.n() <= COARSEST {
             return levels;
         }
-        let next = coarsen(view, edges);
+        let next = coarsen(view, edges, super::coarsen::PATCH_SIZE, &[]);
         if next.weights.len() as f64 > STALLED * view.n() as f64 {
             return levels;
         }
@@ -235,8 +241,15 @@ fn refine_level(graph: View<'_>, labels: &Labels, slots: &Labels, tree: &Tree) {
 }
 
 /// Cuts every leaf that is large enough and hangs the new nodes into the tree.
-fn cut_level(graph: View<'_>, labels: &Labels, slots: &Labels, children: &mut Children, finest: bool) {
-    let limits = if finest { Limits { least_vertices: 0, ..LIMITS } } else { LIMITS };
+fn cut_level(
+    graph: View<'_>,
+    edges: &[u32],
+    labels: &Labels,
+    slots: &Labels,
+    children: &mut Children,
+    finest: bool,
+) {
+    let limits = if finest { Limits { least_vertices: 0, ..limits() } } else { limits() };
     let plain: Vec<u32> = labels.iter().map(|l| l.load(Relaxed)).collect();
     let (first, members) = group(&plain, children.len());
     let of = |t: usize| &members[first[t] as usize..first[t + 1] as usize];
@@ -247,7 +260,7 @@ fn cut_level(graph: View<'_>, labels: &Labels, slots: &Labels, children: &mut Ch
         .collect();
     let parts: Vec<(Children, Vec<u32>)> = leaves
         .par_iter()
-        .map_init(Bisector::default, |bisector, &t| bisector.dissect(graph, of(t), slots, limits))
+        .map_init(Bisector::default, |bisector, &t| bisector.dissect(graph, edges, of(t), slots, limits))
         .collect();
     for (&leaf, (tree, local)) in leaves.iter().zip(&parts) {
         let base = children.len() as u32 - 1; // node 0 of the small tree is the leaf itself

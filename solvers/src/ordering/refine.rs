@@ -1,9 +1,10 @@
 //! Fiduccia-Mattheyses refinement of a vertex separator.
 //!
 //! A move takes a vertex out of the separator to one side and pulls its neighbours on the other side in, so that
-//! the separator keeps separating. Best moves first, also where they make things worse for a while; in the end the
-//! best state seen is restored. After C. M. Fiduccia and R. M. Mattheyses, DAC 1982, in the form for vertex
-//! separators of B. Hendrickson and E. Rothberg, SIAM J. Sci. Comput. 20 (1998).
+//! the separator keeps separating. All moves of a pass go to the same side, the best first, also where they make
+//! things worse for a while: the separator advances as a front. In the end the best state seen is restored, and the
+//! next pass goes the other way. After C. M. Fiduccia and R. M. Mattheyses, DAC 1982; vertex separators as in
+//! C. Ashcraft and J. W. H. Liu, SIAM J. Matrix Anal. Appl. 19 (1998).
 use super::coarsen::View;
 use std::collections::BinaryHeap;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -31,29 +32,30 @@ pub(super) trait Split {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sizes(pub [u64; 3]);
 
-/// How much a separator vertex more is worth against balance; see [`Sizes::cost`].
+/// How strongly the cost of a separator rises with the imbalance of its sides; see [`Sizes::cost`].
 const IMBALANCE: f64 = 1.0;
-/// The larger side may hold at most this share of both sides (beyond, only an empty separator is accepted).
-const LARGEST_SIDE: f64 = 0.8;
+/// The larger side should hold at most this share of both sides.
+const LARGEST_SIDE: f64 = 0.7;
 
 impl Sizes {
     /// The cost to minimise: separator weight times (1 + IMBALANCE d^2), d = difference of the sides over their
-    /// sum; infinite for a separator that leaves one side too large.
+    /// sum, plus what the larger side holds beyond its share (which makes that share a hard limit on large graphs).
+    /// Sides of any size are welcome where no separator is needed.
     pub fn cost(&self) -> f64 {
         let [a, b, s] = self.0.map(|w| w as f64);
         let sum = a + b;
-        if a == 0.0 || b == 0.0 || (s > 0.0 && a.max(b) > LARGEST_SIDE * sum) {
-            return f64::INFINITY;
-        }
-        let d = (a - b) / sum;
+        let d = if sum > 0.0 { (a - b) / sum } else { 0.0 };
+        let free = s == 0.0 && a > 0.0 && b > 0.0;
+        let excess = if free { 0.0 } else { (a.max(b) - LARGEST_SIDE * sum).max(0.0) };
         // The half vertex ranks empty separators by their balance.
-        (s + 0.5) * (1.0 + IMBALANCE * d * d)
+        (s + 0.5) * (1.0 + IMBALANCE * d * d) + excess
     }
 
     fn imbalance(&self) -> u64 {
         self.0[0].abs_diff(self.0[1])
     }
 
+    /// Whether these sizes are better than others: by cost, then by balance.
     pub fn better_than(&self, other: &Self) -> bool {
         let (mine, theirs) = (self.cost(), other.cost());
         mine < theirs || (mine == theirs && self.imbalance() < other.imbalance())
@@ -86,11 +88,11 @@ impl<S: Split> Region<'_, S> {
 #[derive(Clone, Copy)]
 struct Candidate {
     vertex: u32,
-    /// Weight of its neighbours on side 0 and on side 1.
-    beside: [u32; 2],
-    /// Has left the separator in this pass: it will not leave again.
-    moved: bool,
+    /// Weight of its neighbours on the side that pays for its move; [`MOVED`] when it has left the separator.
+    pull: u32,
 }
+
+const MOVED: u32 = u32::MAX;
 
 /// A vertex that took another label.
 #[derive(Clone, Copy)]
@@ -104,22 +106,22 @@ pub(super) struct Change {
 #[derive(Default)]
 pub(super) struct Refiner {
     candidates: Vec<Candidate>,
-    /// Per side, the candidates by gain; entries that are no longer true stay until they come to the top.
-    queues: [BinaryHeap<u64>; 2],
-    /// The only side moves may go to, while a side is grown.
-    only: Option<usize>,
+    /// Candidates by gain; entries that are no longer true stay until they come to the top.
+    queue: BinaryHeap<u64>,
     /// All changes of the last call in order, a vertex possibly more than once.
     changes: Vec<Change>,
 }
 
 /// A pass ends after this many moves without improvement per separator vertex ...
 const PATIENCE: f64 = 2.0;
-/// ... but not before and not after so many.
-const PATIENCE_BOUNDS: (usize, usize) = (50, 300);
+/// ... but not before ...
+const PATIENCE_LEAST: usize = 50;
+/// ... and not after so many.
+const PATIENCE_MOST: usize = 300;
 
 impl Refiner {
-    /// Improves the separator in up to `passes` passes. `separator` holds its vertices; on return, those it has then.
-    /// Returns the new sizes.
+    /// Improves the separator in up to `passes` passes to each side. `separator` holds its vertices; on return,
+    /// those it has then. Returns the new sizes.
     pub fn refine<S: Split>(
         &mut self,
         region: &Region<'_, S>,
@@ -127,14 +129,17 @@ impl Refiner {
         mut sizes: Sizes,
         passes: usize,
     ) -> Sizes {
-        self.only = None;
         self.changes.clear();
-        for _ in 0..passes {
+        let mut side = usize::from(sizes.0[1] < sizes.0[0]);
+        for pass in 0..2 * passes {
             let before = sizes;
-            sizes = self.pass(region, separator, sizes);
-            if !sizes.better_than(&before) {
+            let patience =
+                ((PATIENCE * separator.len() as f64) as usize).clamp(PATIENCE_LEAST, PATIENCE_MOST);
+            sizes = self.pass(region, separator, sizes, side, patience, LARGEST_SIDE);
+            if pass > 0 && !sizes.better_than(&before) {
                 break;
             }
+            side = 1 - side;
         }
         sizes
     }
@@ -146,9 +151,8 @@ impl Refiner {
         separator: &mut Vec<u32>,
         sizes: Sizes,
     ) -> Sizes {
-        self.only = Some(0);
         self.changes.clear();
-        self.pass(region, separator, sizes)
+        self.pass(region, separator, sizes, 0, usize::MAX, LARGEST_SIDE)
     }
 
     /// The changes of the last call, in order; a vertex may appear more than once.
@@ -156,29 +160,30 @@ impl Refiner {
         &self.changes
     }
 
+    /// Moves vertices to `side` until `patience` moves have not improved on the best state or the side holds more
+    /// than `share` of everything, then returns to the best state.
     fn pass<S: Split>(
         &mut self,
         region: &Region<'_, S>,
         separator: &mut Vec<u32>,
         mut sizes: Sizes,
+        side: usize,
+        patience: usize,
+        share: f64,
     ) -> Sizes {
         self.candidates.clear();
-        self.queues.iter_mut().for_each(BinaryHeap::clear);
+        self.queue.clear();
         for &v in separator.iter() {
-            self.enter(region, v);
+            self.enter(region, side, v);
         }
-        let patience =
-            ((PATIENCE * separator.len() as f64) as usize).clamp(PATIENCE_BOUNDS.0, PATIENCE_BOUNDS.1);
+        let most = (share * sizes.0.iter().sum::<u64>() as f64) as u64;
         let (mut best, mut kept, mut idle) = (sizes, self.changes.len(), 0);
-        while self.only.is_some() || idle < patience {
-            let Some((slot, side)) = self.next_move(region, &sizes) else { break };
+        while idle < patience && (sizes.0[side] <= most || sizes.0[side] < sizes.0[1 - side]) {
+            let Some(slot) = self.next_move(region.graph) else { break };
             self.apply(region, slot, side, &mut sizes);
             idle += 1;
             if sizes.better_than(&best) {
                 (best, kept, idle) = (sizes, self.changes.len(), 0);
-            }
-            if self.only.is_some() && sizes.0[0] as f64 > LARGEST_SIDE * (sizes.0[0] + sizes.0[1]) as f64 {
-                break;
             }
         }
         for change in self.changes.drain(kept..).rev() {
@@ -194,103 +199,75 @@ impl Refiner {
         best
     }
 
-    /// Makes the separator vertex v a candidate for moves.
-    fn enter<S: Split>(&mut self, region: &Region<'_, S>, v: u32) {
+    /// Makes the separator vertex v a candidate for a move to `side`.
+    fn enter<S: Split>(&mut self, region: &Region<'_, S>, side: usize, v: u32) {
         if region.slots[v as usize].load(Relaxed) != UNKNOWN {
-            return;
+            return; // listed twice
         }
-        let mut beside = [0; 4];
+        let mut pull = 0;
         for &w in region.graph.neighbours(v) {
-            beside[region.side(w)] += region.graph.weight(w);
+            if region.side(w) == 1 - side {
+                pull += region.graph.weight(w);
+            }
         }
         let slot = self.candidates.len() as u32;
         region.slots[v as usize].store(slot, Relaxed);
-        self.candidates.push(Candidate { vertex: v, beside: [beside[0], beside[1]], moved: false });
-        for side in 0..2 {
-            if self.only.is_none_or(|o| o == side) {
-                self.queues[side].push(self.key(region.graph, slot, side));
-            }
-        }
+        self.candidates.push(Candidate { vertex: v, pull });
+        self.queue.push(self.key(region.graph, slot));
     }
 
-    /// Queue entry: the gain of moving a candidate to a side, then the candidate itself, the latest first.
-    fn key(&self, graph: View<'_>, slot: u32, side: usize) -> u64 {
+    /// Queue entry: the gain of moving a candidate, then the candidate itself, the latest first.
+    fn key(&self, graph: View<'_>, slot: u32) -> u64 {
         let candidate = &self.candidates[slot as usize];
-        let gain = i64::from(graph.weight(candidate.vertex)) - i64::from(candidate.beside[1 - side]);
-        (((gain + (1 << 31)) as u64) << 32) | u64::from(slot)
+        let gain = i64::from(graph.weight(candidate.vertex)) - i64::from(candidate.pull);
+        (((gain + (1 << 32)) as u64) << 31) | u64::from(slot)
     }
 
-    /// The best move: highest gain, then towards the smaller side; only to the smaller side where the larger one
-    /// may not grow.
-    fn next_move<S>(&mut self, region: &Region<'_, S>, sizes: &Sizes) -> Option<(u32, usize)> {
-        let smaller = usize::from(sizes.0[1] < sizes.0[0]);
-        let full = sizes.0[1 - smaller] as f64 > LARGEST_SIDE * (sizes.0[0] + sizes.0[1]) as f64;
-        let mut best: Option<(u64, usize)> = None;
-        for side in [smaller, 1 - smaller] {
-            let allowed = self.only.map_or(!full || side == smaller, |o| o == side);
-            let top = allowed.then(|| self.valid_top(region.graph, side)).flatten();
-            if let Some(key) = top.filter(|key| best.is_none_or(|(top, _)| key >> 32 > top >> 32)) {
-                best = Some((key, side));
-            }
-        }
-        let (key, side) = best?;
-        self.queues[side].pop();
-        Some((key as u32, side))
-    }
-
-    /// The top of a queue after its outdated entries are gone.
-    fn valid_top(&mut self, graph: View<'_>, side: usize) -> Option<u64> {
+    /// The move with the highest gain.
+    fn next_move(&mut self, graph: View<'_>) -> Option<u32> {
         loop {
-            let key = *self.queues[side].peek()?;
-            if !self.candidates[key as u32 as usize].moved && key == self.key(graph, key as u32, side) {
-                return Some(key);
+            let key = self.queue.pop()?;
+            let slot = (key & 0x7FFF_FFFF) as u32;
+            if self.candidates[slot as usize].pull != MOVED && key == self.key(graph, slot) {
+                return Some(slot);
             }
-            self.queues[side].pop();
         }
     }
 
-    /// Moves a candidate to a side and pulls its neighbours on the other side into the separator.
+    /// Moves a candidate to `side` and pulls its neighbours on the other side into the separator.
     fn apply<S: Split>(&mut self, region: &Region<'_, S>, slot: u32, side: usize, sizes: &mut Sizes) {
         let (graph, split) = (region.graph, &region.split);
         let v = self.candidates[slot as usize].vertex;
-        self.candidates[slot as usize].moved = true;
+        self.candidates[slot as usize].pull = MOVED;
         let there = graph.neighbours(v).iter().map(|&w| region.label(w)).filter(|&l| split.side(l) == side);
         let label = split.label_on(side, there);
         self.relabel(region.labels, v, label);
-        let weight = graph.weight(v);
-        sizes.0[2] -= u64::from(weight);
-        sizes.0[side] += u64::from(weight);
+        let weight = u64::from(graph.weight(v));
+        sizes.0[2] -= weight;
+        sizes.0[side] += weight;
         for &w in graph.neighbours(v) {
-            let at = region.side(w);
-            if at == 2 {
-                self.adjust(region, w, side, weight as i32);
-            } else if at == 1 - side {
-                let pulled = graph.weight(w);
-                sizes.0[1 - side] -= u64::from(pulled);
-                sizes.0[2] += u64::from(pulled);
-                self.relabel(region.labels, w, split.own());
-                for &x in graph.neighbours(w) {
-                    if region.side(x) == 2 {
-                        self.adjust(region, x, 1 - side, -(pulled as i32));
-                    }
-                }
-                self.enter(region, w);
+            if region.side(w) == 1 - side {
+                self.pull_in(region, w, side);
+                sizes.0[1 - side] -= u64::from(graph.weight(w));
+                sizes.0[2] += u64::from(graph.weight(w));
             }
         }
     }
 
-    /// The neighbours of a separator vertex on `side` weigh `change` more: its gain towards the other side sinks.
-    fn adjust<S>(&mut self, region: &Region<'_, S>, v: u32, side: usize, change: i32) {
-        let slot = region.slots[v as usize].load(Relaxed);
-        if slot == UNKNOWN {
-            return;
+    /// Takes w from the side that pays into the separator: moves of its neighbours there become cheaper.
+    fn pull_in<S: Split>(&mut self, region: &Region<'_, S>, w: u32, side: usize) {
+        self.relabel(region.labels, w, region.split.own());
+        let weight = region.graph.weight(w);
+        for &x in region.graph.neighbours(w) {
+            if region.side(x) == 2 {
+                let slot = region.slots[x as usize].load(Relaxed);
+                if slot != UNKNOWN {
+                    self.candidates[slot as usize].pull -= weight;
+                    self.queue.push(self.key(region.graph, slot));
+                }
+            }
         }
-        let candidate = &mut self.candidates[slot as usize];
-        candidate.beside[side] = candidate.beside[side].wrapping_add_signed(change);
-        let towards = 1 - side;
-        if !candidate.moved && self.only.is_none_or(|o| o == towards) {
-            self.queues[towards].push(self.key(region.graph, slot, towards));
-        }
+        self.enter(region, side, w);
     }
 
     fn relabel(&mut self, labels: &Labels, vertex: u32, after: u32) {
