@@ -152,8 +152,26 @@ pub trait TransferFrame: Send {
     /// As [`Factor::solve`].
     fn frame(&mut self, template: &[[f64; 3]], target: &mut [[f64; 3]]) -> Result<Solved, SolveError>;
 
+    /// Inner results of the last frame, where the handle keeps them: what the checks need to judge both solves.
+    fn trace(&self) -> Option<FrameTrace<'_>> {
+        None
+    }
+
     /// What the handle holds and moves.
     fn footprint(&self) -> Footprint;
+}
+
+/// Inner results of a `transfer` frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameTrace<'a> {
+    /// Quaternions at the constrained vertices, |C| x 4 (w, x, y, z): the input of step 2.
+    pub constraints: &'a [f64],
+    /// Quaternions at all vertices before they are normalised, n x 4: the solution of step 2.
+    pub field: &'a [f64],
+    /// U, n x 3: the right-hand side of step 5.
+    pub rhs: &'a [f64],
+    /// Marks and vertices whose rotation was replaced, because a triangle collapsed or an average vanished.
+    pub replaced: usize,
 }
 
 /// Where and how an opened backend runs.

@@ -106,6 +106,17 @@ impl Poisson {
         &self.problem
     }
 
+    /// The elimination order in use, in vertex numbering (grounded and absent vertices last), where there is one: it suits
+    /// every other system on the same mesh. Allocates n indices.
+    pub fn vertex_order(&self) -> Option<Vec<u32>> {
+        let rows = self.factor.as_ref()?.permutation()?;
+        let mut order: Vec<u32> = rows.iter().map(|&row| self.problem.free()[row as usize]).collect();
+        let mut rest = vec![true; self.problem.laplacian().n()];
+        order.iter().for_each(|&v| rest[v as usize] = false);
+        order.extend((0..rest.len() as u32).filter(|&v| rest[v as usize]));
+        Some(order)
+    }
+
     /// What the factor holds and moves.
     pub fn footprint(&self) -> Footprint {
         self.factor.as_ref().map(|f| f.footprint()).unwrap_or_default()

@@ -4,6 +4,7 @@
 pub mod harmonic;
 pub mod kharmonic;
 pub mod matrix;
+pub mod poisson;
 pub mod sampling;
 pub mod screened;
 pub mod transfer;

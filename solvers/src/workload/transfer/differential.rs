@@ -1,0 +1,171 @@
+//! Steps 1 to 4: from a pose of the template to the differential coordinates U of the fragmented target.
+
+use super::fragments::{Fragments, Turn};
+use super::marks::MarkPose;
+use super::{TransferError, TransferProblem};
+use crate::backend::{Backend, Footprint, FrameTrace, Harmonic, Phase, PrepareOptions, Solved};
+use crate::columns::Columns;
+use crate::error::SolveError;
+use crate::rotation::Quaternion;
+
+/// Columns of the harmonic field: the components of a quaternion.
+const FIELD: usize = 4;
+
+/// The first half of a frame: a prepared harmonic system and all buffers up to U.
+pub struct DifferentialCoordinates {
+    problem: TransferProblem,
+    harmonic: Box<dyn Harmonic>,
+    fragments: Fragments,
+    poses: Vec<MarkPose>,
+    values: Vec<f64>,
+    /// Step 2 as solved, n x 4; the initial guess of the next frame.
+    field: Vec<f64>,
+    quaternions: Vec<Quaternion>,
+    turns: Vec<Turn>,
+    /// U, n x 3.
+    rhs: Vec<f64>,
+    /// Vertices in no system: their field is 0 for good.
+    outside: usize,
+    replaced: usize,
+}
+
+impl DifferentialCoordinates {
+    /// Prepares the harmonic system on `backend`; `order` is an elimination order in vertex numbering, if one is known.
+    ///
+    /// # Errors
+    /// [`TransferError::Prepare`] with what the backend says.
+    pub fn prepare(
+        backend: &dyn Backend,
+        problem: &TransferProblem,
+        order: Option<&[u32]>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Self, TransferError> {
+        let order = order.map(|order| problem.harmonic.restrict_order(order));
+        let options = PrepareOptions { max_columns: FIELD, order: order.as_deref() };
+        let harmonic = backend.prepare_harmonic(&problem.harmonic, &options, on)?;
+        let fragments = Fragments::new(&problem.laplacian, problem.target.positions());
+        let n = problem.target.positions().len();
+        Ok(Self {
+            poses: vec![MarkPose::default(); problem.marks.all().len()],
+            values: vec![0.0; FIELD * problem.marks.vertices().len()],
+            field: vec![0.0; FIELD * n],
+            quaternions: vec![Quaternion::default(); n],
+            turns: vec![Turn::default(); fragments.triangles()],
+            rhs: vec![0.0; 3 * n],
+            outside: problem.pieces.outside(),
+            replaced: 0,
+            problem: problem.clone(),
+            harmonic,
+            fragments,
+        })
+    }
+
+    /// Computes U for the template positions `template`; it is in [`trace`](Self::trace) then. No allocation.
+    ///
+    /// # Errors
+    /// As [`Harmonic::solve`]; [`SolveError::NonFinite`] with the template vertex for a pose that is not finite.
+    ///
+    /// # Panics
+    /// If the number of template vertices differs.
+    pub fn compute(&mut self, template: &[[f64; 3]]) -> Result<Solved, SolveError> {
+        self.pose(template)?;
+        let (n, rows) = (self.quaternions.len(), self.values.len() / FIELD);
+        let values = Columns::new(&self.values[..], rows, FIELD);
+        let solved = self.harmonic.solve(values, Columns::new(&mut self.field, n, FIELD))?;
+        self.break_apart();
+        Ok(solved)
+    }
+
+    /// The problem that was prepared.
+    pub fn problem(&self) -> &TransferProblem {
+        &self.problem
+    }
+
+    /// What the marks do in the last pose.
+    pub fn poses(&self) -> &[MarkPose] {
+        &self.poses
+    }
+
+    /// Unit quaternions at the vertices in the last pose; zero outside of the marked components.
+    pub fn quaternions(&self) -> &[Quaternion] {
+        &self.quaternions
+    }
+
+    /// Constraint values, field and U of the last pose.
+    pub fn trace(&self) -> FrameTrace<'_> {
+        let Self { values, field, rhs, replaced, .. } = self;
+        FrameTrace { constraints: values, field, rhs, replaced: *replaced }
+    }
+
+    /// What the harmonic handle holds, buffers included.
+    pub fn footprint(&self) -> Footprint {
+        let numbers = self.values.len()
+            + self.field.len()
+            + self.rhs.len()
+            + 4 * (self.quaternions.len() + self.turns.len());
+        let buffers = (8 * numbers + self.fragments.bytes()) as u64;
+        let harmonic = self.harmonic.footprint();
+        Footprint { host_bytes: harmonic.host_bytes.map(|bytes| bytes + buffers), ..harmonic }
+    }
+
+    /// Step 1 and the input of step 2: rotations of the marks, values at the constrained vertices.
+    fn pose(&mut self, template: &[[f64; 3]]) -> Result<(), SolveError> {
+        let collapsed = self.problem.marks.pose(template, &mut self.poses)?;
+        self.replaced = collapsed + self.problem.marks.constraint_values(&self.poses, &mut self.values);
+        Ok(())
+    }
+
+    /// The end of step 2, and steps 3 and 4: from the field to U.
+    fn break_apart(&mut self) {
+        let (n, m) = (self.quaternions.len(), self.fragments.triangles());
+        let vanished = self.fragments.normalise(&self.field, 0..n, &mut self.quaternions);
+        if vanished > self.outside {
+            self.replace_vanished();
+        }
+        self.fragments.turn(&self.quaternions, 0..m, &mut self.turns);
+        self.fragments.gather(&self.turns, 0..n, &mut self.rhs);
+    }
+
+    /// Gives vertices whose quaternion vanished that of the nearest mark. Vertices in no system have no field and keep a zero.
+    fn replace_vanished(&mut self) {
+        for v in 0..self.quaternions.len() {
+            if self.quaternions[v] == [0.0; 4] && !self.problem.laplacian.incidence().at(v).is_empty() {
+                let nearest = self.problem.marks.nearest(self.problem.target.positions()[v]);
+                self.quaternions[v] = self.poses[nearest].rotation;
+                self.replaced += 1;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriangleMesh;
+    use crate::registry::{OpenOptions, find};
+    use crate::workload::transfer::defaults::default_problem;
+
+    #[test]
+    fn vanished_quaternions_become_those_of_the_nearest_mark_and_are_counted() {
+        let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [9.0; 3]];
+        let mesh =
+            TriangleMesh::new(corners, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).expect("valid");
+        let backend = (find("dense").expect("built in").open)(&OpenOptions::default()).expect("always there");
+        let problem = default_problem(&mesh).expect("usable");
+        let mut half = DifferentialCoordinates::prepare(&*backend, &problem, None, &mut |_| {})
+            .expect("positive definite");
+        half.pose(mesh.positions()).expect("finite");
+        for (m, pose) in half.poses.iter_mut().enumerate() {
+            pose.rotation = [0.0, 0.0, m as f64, 1.0]; // recognisable, no rotation
+        }
+        half.field = vec![1e-4; 20];
+        half.field[16..].fill(0.0); // the unused vertex
+        half.break_apart();
+        assert_eq!(half.replaced, 4);
+        for v in 0..4 {
+            let nearest = problem.marks().nearest(mesh.positions()[v]) as f64;
+            assert_eq!(half.quaternions[v], [0.0, 0.0, nearest, 1.0]);
+        }
+        assert_eq!(half.quaternions[4], [0.0; 4]);
+    }
+}

@@ -1,0 +1,126 @@
+//! Frames on the CPU, around any backend's handles.
+
+use super::differential::DifferentialCoordinates;
+use super::marks::centroid;
+use super::{TransferError, TransferProblem};
+use crate::backend::{Backend, Footprint, FrameTrace, Phase, PrepareOptions, Solved, TransferFrame};
+use crate::columns::Columns;
+use crate::error::SolveError;
+use crate::poisson::Poisson;
+use crate::rotation::rotate;
+use crate::vector::{add, scale, sub};
+
+/// Columns of step 5: coordinates.
+const SPACE: usize = 3;
+
+/// Whole frames: owns both prepared systems and all buffers; a frame allocates nothing.
+pub struct Transfer {
+    differential: DifferentialCoordinates,
+    poisson: Poisson,
+    /// Step 5 before the translation, n x 3; the initial guess of the next frame.
+    solution: Vec<f64>,
+    shifts: Vec<[f64; 3]>,
+}
+
+impl Transfer {
+    /// Prepares both systems on `backend`. The elimination order of the Poisson system is used for the harmonic one, too,
+    /// which lacks a few more rows; so it is computed once.
+    ///
+    /// # Errors
+    /// [`TransferError::Prepare`] with what the backend says.
+    pub fn prepare(
+        backend: &dyn Backend,
+        problem: &TransferProblem,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Self, TransferError> {
+        let (matrix, positions) = (problem.laplacian.matrix().clone(), problem.target.positions());
+        let poisson =
+            Poisson::prepare(backend, matrix, Some(positions), &PrepareOptions::columns(SPACE), on)?;
+        let order = poisson.vertex_order();
+        let differential = DifferentialCoordinates::prepare(backend, problem, order.as_deref(), on)?;
+        let solution = vec![0.0; SPACE * positions.len()];
+        let shifts = vec![[0.0; 3]; problem.pieces.marks_of().len()];
+        Ok(Self { differential, poisson, solution, shifts })
+    }
+
+    /// The problem that was prepared.
+    pub fn problem(&self) -> &TransferProblem {
+        self.differential.problem()
+    }
+
+    /// The end of step 5: one translation per marked component, then what follows or stays.
+    fn place(&mut self, target: &mut [[f64; 3]]) {
+        let problem = self.differential.problem();
+        let solved = self.solution.as_chunks::<SPACE>().0;
+        self.shifts.fill([0.0; 3]);
+        let marks = problem.marks.all().iter().zip(self.differential.poses()).zip(problem.pieces.of_mark());
+        for ((mark, pose), &piece) in marks {
+            let missing = sub(pose.centroid, centroid(mark.target.map(|v| solved[v as usize])));
+            let share = 1.0 / f64::from(problem.pieces.marks_of()[piece as usize]);
+            let shift = &mut self.shifts[piece as usize];
+            *shift = add(*shift, scale(share, missing));
+        }
+        match self.shifts[..] {
+            [shift] => target.iter_mut().zip(solved).for_each(|(x, &s)| *x = add(s, shift)),
+            _ => {
+                for (v, (x, &s)) in target.iter_mut().zip(solved).enumerate() {
+                    *x = add(s, self.shifts[problem.pieces.of_vertex(v)]);
+                }
+            }
+        }
+        let reference = problem.target.positions();
+        for &v in problem.pieces.unreferenced() {
+            target[v as usize] = reference[v as usize];
+        }
+        for piece in problem.pieces.detached() {
+            let anchor = piece.anchor as usize;
+            let (rotation, at) = (self.differential.quaternions()[anchor], target[anchor]);
+            for &v in &piece.vertices {
+                target[v as usize] = add(at, rotate(rotation, sub(reference[v as usize], reference[anchor])));
+            }
+        }
+    }
+}
+
+impl TransferFrame for Transfer {
+    fn frame(&mut self, template: &[[f64; 3]], target: &mut [[f64; 3]]) -> Result<Solved, SolveError> {
+        let n = self.solution.len() / SPACE;
+        assert_eq!(target.len(), n, "target: one position per vertex");
+        let field = self.differential.compute(template)?;
+        let rhs = Columns::new(self.differential.trace().rhs, n, SPACE);
+        let space = self.poisson.solve(rhs, Columns::new(&mut self.solution, n, SPACE))?;
+        self.place(target);
+        Ok(worse(field, space))
+    }
+
+    fn trace(&self) -> Option<FrameTrace<'_>> {
+        Some(self.differential.trace())
+    }
+
+    fn footprint(&self) -> Footprint {
+        let (a, b) = (self.differential.footprint(), self.poisson.footprint());
+        let sum = |x: Option<u64>, y: Option<u64>| Some(x? + y?);
+        Footprint {
+            host_bytes: sum(a.host_bytes, b.host_bytes).map(|bytes| bytes + 8 * self.solution.len() as u64),
+            device_bytes: sum(a.device_bytes, b.device_bytes),
+            factor_nonzeros: sum(a.factor_nonzeros, b.factor_nonzeros),
+            factor_bytes: sum(a.factor_bytes, b.factor_bytes),
+            bytes_per_solve: sum(a.bytes_per_solve, b.bytes_per_solve),
+            factor_flops: sum(a.factor_flops, b.factor_flops),
+            ordering: b.ordering,
+        }
+    }
+}
+
+/// The larger claims of two solves, and the device time of both.
+fn worse(a: Solved, b: Solved) -> Solved {
+    let residual = match (a.residual, b.residual) {
+        (Some(x), Some(y)) => Some(x.max(y)),
+        (x, y) => x.or(y),
+    };
+    let device_ns = match (a.device_ns, b.device_ns) {
+        (Some(x), Some(y)) => Some(x + y),
+        _ => None,
+    };
+    Solved { iterations: a.iterations.max(b.iterations), residual, device_ns }
+}
