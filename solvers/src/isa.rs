@@ -1,8 +1,8 @@
 //! Run-time choice of the instruction set: one kernel text, compiled once for each.
 //!
-//! Kernels are plain safe Rust over small arrays (`[f64; 4]`, `[f64; 8]`); compiled with the right target features such
-//! an array is one vector register. On aarch64 NEON is part of the base architecture, so the portable compilation is
-//! the NEON one.
+//! Kernels are plain safe Rust over small arrays and [`crate::lanes`]s, compiled once per instruction set. On aarch64 NEON
+//! is part of the base architecture, so the portable compilation is the NEON one.
+use crate::lanes::{Array, Vector};
 
 /// An instruction set that this machine has and kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,11 +18,19 @@ pub enum Isa {
 }
 
 /// What a kernel may count on, known while it is compiled.
-pub trait Features {
+pub trait Features: Sized + 'static {
     /// Whether `mul_add` is one instruction; elsewhere it is a slow library call.
     const FMA: bool;
     /// Whether 16 registers of 8 doubles fit: decides how large tiles of dense kernels are.
     const WIDE: bool;
+    /// Four f64.
+    type F64x4: Vector<T = f64, Row = [f64; 4]>;
+    /// Eight f64.
+    type F64x8: Vector<T = f64, Row = [f64; 8]>;
+    /// Four f32.
+    type F32x4: Vector<T = f32, Row = [f32; 4]>;
+    /// Eight f32.
+    type F32x8: Vector<T = f32, Row = [f32; 8]>;
 }
 
 /// A computation to be compiled for every instruction set.
@@ -89,22 +97,35 @@ struct Base;
 impl Features for Base {
     const FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
     const WIDE: bool = false;
+    type F64x4 = Array<f64, 4, Self>;
+    type F64x8 = Array<f64, 8, Self>;
+    type F32x4 = Array<f32, 4, Self>;
+    type F32x8 = Array<f32, 8, Self>;
 }
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::{Features, Kernel};
+    use crate::lanes::x86;
 
     pub struct WithAvx2;
     impl Features for WithAvx2 {
         const FMA: bool = true;
         const WIDE: bool = false;
+        type F64x4 = x86::Ymm64;
+        type F64x8 = x86::TwoYmm64;
+        type F32x4 = x86::Xmm32;
+        type F32x8 = x86::Ymm32;
     }
 
     pub struct WithAvx512;
     impl Features for WithAvx512 {
         const FMA: bool = true;
         const WIDE: bool = true;
+        type F64x4 = x86::Ymm64;
+        type F64x8 = x86::Zmm64;
+        type F32x4 = x86::Xmm32;
+        type F32x8 = x86::Ymm32;
     }
 
     #[target_feature(enable = "avx2,fma")]

@@ -16,6 +16,7 @@ pub mod error;
 pub mod incidence;
 pub mod intrinsic;
 pub mod isa;
+pub mod lanes;
 pub mod laplacian;
 pub mod limits;
 pub mod mass;

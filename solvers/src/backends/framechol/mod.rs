@@ -5,6 +5,7 @@
 //! ```
 //! `DESIGN.md` of this crate has the layout of the factor, the task graph, the precisions, and what did not pay.
 mod front;
+mod gather;
 mod numeric;
 mod panels;
 mod supernodes;
@@ -15,11 +16,13 @@ mod tasks;
 use crate::backend::{Backend, Description, Factor, Footprint, Phase, PrepareOptions, Solved};
 use crate::columns::Columns;
 use crate::error::{PrepareError, SolveError, Unavailable};
-use crate::isa::{Isa, Real};
+use crate::isa::Isa;
+use crate::lanes::{Lanes, Shape};
 use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
 use crate::sparse::inverse_permutation;
 use crate::system::System;
+use gather::{Gather, Group, Scatter};
 use numeric::{Breakdown, FactorPart, Workspace};
 use panels::Panels;
 use std::marker::PhantomData;
@@ -41,13 +44,13 @@ struct FrameChol<T> {
     stored: PhantomData<fn() -> T>,
 }
 
-impl<T: Real> FrameChol<T> {
+impl<T: Lanes> FrameChol<T> {
     fn new(_: &OpenOptions<'_>) -> Self {
         Self { isa: Isa::best(), stored: PhantomData }
     }
 }
 
-impl<T: Real> Backend for FrameChol<T> {
+impl<T: Lanes> Backend for FrameChol<T> {
     fn describe(&self) -> Description {
         Description { details: vec![("isa", self.isa.name().into())], ..Description::cpu(1) }
     }
@@ -86,6 +89,13 @@ impl<T: Real> Backend for FrameChol<T> {
     }
 }
 
+/// The first row with a number that is not finite in the right-hand side, or else in the solution.
+fn first_bad_row(rhs: Columns<&[f64]>, x: Columns<&[f64]>) -> usize {
+    let bad =
+        |block: Columns<&[f64]>| block.slice().iter().position(|v| !v.is_finite()).map(|at| at / block.k());
+    bad(rhs).or_else(|| bad(x)).unwrap_or(0)
+}
+
 /// A factored system.
 struct Handle<T> {
     isa: Isa,
@@ -96,7 +106,7 @@ struct Handle<T> {
     name: &'static str,
 }
 
-impl<T: Real> Handle<T> {
+impl<T: Lanes> Handle<T> {
     fn factorise(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
         on(Phase::Numeric);
         let (part, work, out) = (&self.symbolic.parts[0], &mut self.work[0], &mut self.panels[0]);
@@ -112,47 +122,37 @@ impl<T: Real> Handle<T> {
         )
     }
 
-    /// Columns `from .. from + count` of a solve in one sweep pair with vectors of K lanes.
-    fn sweep<const K: usize>(
-        &mut self,
-        rhs: &Columns<&[f64]>,
-        x: &mut Columns<&mut [f64]>,
-        from: usize,
-        count: usize,
-    ) {
-        let n = self.symbolic.order.len();
-        let work = self.vectors[..n * K].as_chunks_mut::<K>().0;
-        for (w, &row) in work.iter_mut().zip(&self.symbolic.order) {
-            let b = &rhs.row(row as usize)[from..from + count];
-            *w = std::array::from_fn(|c| b.get(c).map_or(T::default(), |&b| T::from_f64(b)));
-        }
-        self.isa.run(Forward { panels: &self.panels[0], work });
-        self.isa.run(Backward { panels: &self.panels[0], work });
-        for (w, &row) in work.iter().zip(&self.symbolic.order) {
-            let x = &mut x.row_mut(row as usize)[from..from + count];
-            x.iter_mut().zip(w).for_each(|(x, w)| *x = w.to_f64());
-        }
+    /// A group of columns in one sweep pair. Returns whether the solution is finite.
+    fn sweep<S: Shape<T = T>>(&mut self, rhs: Columns<&[f64]>, x: Columns<&mut [f64]>, group: Group) -> bool {
+        let order = &self.symbolic.order[..];
+        let work = &mut S::rows(&mut self.vectors)[..order.len()];
+        self.isa.run(Gather::<S> { order, block: rhs, group, work });
+        self.isa.run(Forward::<S> { panels: &self.panels[0], work });
+        self.isa.run(Backward::<S> { panels: &self.panels[0], work });
+        self.isa.run(Scatter::<S> { order, block: x, group, work })
     }
 }
 
-impl<T: Real> Factor for Handle<T> {
+impl<T: Lanes> Factor for Handle<T> {
     fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
         let (n, k) = (self.symbolic.order.len(), rhs.k());
         assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
-        let mut from = 0;
+        let widest = self.vectors.len() / n;
+        let (mut from, mut finite) = (0, true);
         while from < k {
-            let count = (k - from).min(8);
-            if count > 4 && self.vectors.len() >= 8 * n {
-                self.sweep::<8>(&rhs, &mut x, from, count);
-                from += count;
+            let count = (k - from).min(widest);
+            let group = Group { from, count };
+            finite &= if count > 4 {
+                self.sweep::<T::Eight>(rhs, x.reborrow(), group)
             } else {
-                self.sweep::<4>(&rhs, &mut x, from, count.min(4));
-                from += count.min(4);
-            }
+                self.sweep::<T::Four>(rhs, x.reborrow(), group)
+            };
+            from += count;
         }
-        match x.data().iter().position(|v| !v.is_finite()) {
-            Some(at) => Err(SolveError::NonFinite { row: at / k }),
-            None => Ok(Solved::default()),
+        if finite {
+            Ok(Solved::default())
+        } else {
+            Err(SolveError::NonFinite { row: first_bad_row(rhs, x.view()) })
         }
     }
 

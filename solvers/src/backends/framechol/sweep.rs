@@ -4,172 +4,200 @@
 //! - forward, panel after panel: y_rows -= M y_pivots, then y_pivots := S^-1 y_pivots;
 //! - backward, in reverse: y_pivots -= M^T y_rows.
 //!
-//! A vector entry is an array of K numbers, the K columns of a vertex: one register. An entry of M is broadcast to it.
-//! Per entry of M and sweep: one multiply-add of K lanes and 8 (f64) or 4 (f32) bytes streamed; per row of a panel 4 bytes
-//! of index and one load (and store) of K numbers, from cache.
+//! A vector entry holds K numbers, the columns of a vertex, in one register; an entry of M is broadcast to it. Per entry
+//! of M and sweep: one multiply-add of K lanes and 8 (f64) or 4 (f32) bytes streamed. Per row of a panel: 4 bytes of
+//! index, one load (and in the forward sweep one store) of K numbers, mostly from cache. Per block of eight rows and
+//! pivot: one load (and in the backward sweep one store) of K numbers from the first cache.
 use super::front::BLOCK;
 use super::panels::{Panel, Panels, STRIP};
-use crate::isa::{Features, Kernel, Real, multiply_add};
+use crate::isa::{Features, Kernel};
+use crate::lanes::{Shape, Vector};
 
 /// The forward sweep over all panels.
-pub struct Forward<'a, T, const K: usize> {
+pub struct Forward<'a, S: Shape> {
     /// The factor.
-    pub panels: &'a Panels<T>,
+    pub panels: &'a Panels<S::T>,
     /// In: right-hand side by local number. Out: S^-1 y on the pivots, updates on the rows of the top.
-    pub work: &'a mut [[T; K]],
+    pub work: &'a mut [S::Row],
 }
 
-impl<T: Real, const K: usize> Kernel for Forward<'_, T, K> {
+impl<S: Shape> Kernel for Forward<'_, S> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Features>(self) {
         for panel in &self.panels.list {
-            forward::<F, T, K>(self.panels, panel, self.work);
+            forward::<S::Vector<F>>(self.panels, panel, self.work);
         }
     }
 }
 
 /// The backward sweep over all panels.
-pub struct Backward<'a, T, const K: usize> {
+pub struct Backward<'a, S: Shape> {
     /// The factor.
-    pub panels: &'a Panels<T>,
+    pub panels: &'a Panels<S::T>,
     /// In: what [`Forward`] left, with the solution on the rows of the top. Out: the solution.
-    pub work: &'a mut [[T; K]],
+    pub work: &'a mut [S::Row],
 }
 
-impl<T: Real, const K: usize> Kernel for Backward<'_, T, K> {
+impl<S: Shape> Kernel for Backward<'_, S> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Features>(self) {
         for panel in self.panels.list.iter().rev() {
-            backward::<F, T, K>(self.panels, panel, self.work);
+            backward::<S::Vector<F>>(self.panels, panel, self.work);
         }
     }
 }
 
-#[inline(always)]
-fn add_product<F: Features, T: Real, const K: usize>(sum: &mut [T; K], l: T, y: &[T; K]) {
-    for c in 0..K {
-        sum[c] = multiply_add::<F, T>(l, y[c], sum[c]);
-    }
+/// Runs `$body` with the constant `$r` equal to `$length`, for 1 to 7 rows.
+macro_rules! with_length {
+    ($length:expr, $r:ident, $body:block) => {
+        with_length!(@ $length, $r, $body, 1 2 3 4 5 6 7)
+    };
+    (@ $length:expr, $r:ident, $body:block, $($n:literal)*) => {
+        match $length {
+            $($n => { const $r: usize = $n; $body })*
+            _ => {}
+        }
+    };
 }
 
 /// y_rows -= M y_pivots; y_pivots := S^-1 y_pivots.
 #[inline(always)]
-fn forward<F: Features, T: Real, const K: usize>(panels: &Panels<T>, panel: &Panel, work: &mut [[T; K]]) {
+fn forward<V: Vector>(panels: &Panels<V::T>, panel: &Panel, work: &mut [V::Row]) {
     let (first, width) = (panel.first as usize, panel.width as usize);
-    let mut buffer = [[T::default(); K]; STRIP];
-    let y = &mut buffer[..width];
-    for (y, w) in y.iter_mut().zip(&work[first..first + width]) {
-        *y = w.map(|v| -v);
-    }
+    // Rows below have larger numbers than pivots.
+    let (own, rest) = work.split_at_mut(first + width);
+    let own = &mut own[first..];
+    let base = (first + width) as u32;
     let (blocks, tail) = panels.rows[panel.rows()].as_chunks::<BLOCK>();
-    let (values, tail_values) = panels.values[panel.values()].split_at(blocks.len() * BLOCK * width);
-    for (rows, m) in blocks.iter().zip(values.chunks_exact(BLOCK * width)) {
-        let mut sum = rows.map(|row| work[row as usize]);
-        multiply::<F, T, K, BLOCK>(&mut sum, m, y);
-        for (row, sum) in rows.iter().zip(&sum) {
-            work[*row as usize] = *sum;
-        }
+    let (m, tail_m) = panels.values[panel.values()].split_at(blocks.len() * BLOCK * width);
+    for (rows, m) in blocks.iter().zip(m.chunks_exact(BLOCK * width)) {
+        subtract_product::<V, BLOCK>(rows, m, own, base, rest);
     }
-    macro_rules! tails {
-        ($($t:literal)*) => {
-            match tail.len() {
-                $($t => {
-                    let rows: &[u32; $t] = tail.try_into().expect("matched length");
-                    let mut sum = rows.map(|row| work[row as usize]);
-                    multiply::<F, T, K, $t>(&mut sum, tail_values, y);
-                    for (row, sum) in rows.iter().zip(&sum) {
-                        work[*row as usize] = *sum;
-                    }
-                })*
-                _ => {}
-            }
-        };
-    }
-    tails!(1 2 3 4 5 6 7);
+    with_length!(tail.len(), R, {
+        subtract_product::<V, R>(tail.first_chunk().expect("R rows"), tail_m, own, base, rest);
+    });
     let inverse = &panels.diagonal[panel.diagonal()];
-    let (blocks, tail) = work[first..first + width].as_chunks_mut::<BLOCK>();
-    let (values, tail_values) = inverse.split_at(blocks.len() * BLOCK * width);
-    for (out, m) in blocks.iter_mut().zip(values.chunks_exact(BLOCK * width)) {
-        let mut sum = [[T::default(); K]; BLOCK];
-        multiply::<F, T, K, BLOCK>(&mut sum, m, y);
-        for (out, sum) in out.iter_mut().zip(&sum) {
-            *out = sum.map(|v| -v);
-        }
+    match width {
+        BLOCK => multiply_in_place::<V, BLOCK>(inverse, own),
+        0..BLOCK => with_length!(width, W, { multiply_in_place::<V, W>(inverse, own) }),
+        _ => multiply_pivots::<V>(inverse, own),
     }
-    macro_rules! tails {
-        ($($t:literal)*) => {
-            match tail.len() {
-                $($t => {
-                    let mut sum = [[T::default(); K]; $t];
-                    multiply::<F, T, K, $t>(&mut sum, tail_values, y);
-                    for (out, sum) in tail.iter_mut().zip(&sum) {
-                        *out = sum.map(|v| -v);
-                    }
-                })*
-                _ => {}
-            }
-        };
-    }
-    tails!(1 2 3 4 5 6 7);
 }
 
-/// sum[i] += sum_j m[j][i] y[j] for R rows stored column after column.
+/// The rows of a block. A plain loop: a closure handed to `array::map` would not be compiled with the vectors.
 #[inline(always)]
-fn multiply<F: Features, T: Real, const K: usize, const R: usize>(
-    sum: &mut [[T; K]; R],
-    m: &[T],
-    y: &[[T; K]],
+fn load_rows<V: Vector, const R: usize>(rows: &[u32; R], base: u32, rest: &[V::Row]) -> [V; R] {
+    let mut y = [V::zero(); R];
+    for i in 0..R {
+        y[i] = V::load(&rest[(rows[i] - base) as usize]);
+    }
+    y
+}
+
+/// y_rows -= M y for one block of R rows; `rest` starts at row `base`.
+#[inline(always)]
+fn subtract_product<V: Vector, const R: usize>(
+    rows: &[u32; R],
+    m: &[V::T],
+    y: &[V::Row],
+    base: u32,
+    rest: &mut [V::Row],
 ) {
+    let mut sum = load_rows::<V, R>(rows, base, rest);
     for (m, y) in m.as_chunks::<R>().0.iter().zip(y) {
+        let y = V::load(y);
         for i in 0..R {
-            add_product::<F, T, K>(&mut sum[i], m[i], y);
+            sum[i] = sum[i].sub_scaled(m[i], y);
         }
+    }
+    for i in 0..R {
+        sum[i].store(&mut rest[(rows[i] - base) as usize]);
+    }
+}
+
+/// y := S^-1 y for W pivots, W <= 8: all results fit the registers.
+#[inline(always)]
+fn multiply_in_place<V: Vector, const W: usize>(inverse: &[V::T], y: &mut [V::Row]) {
+    let mut sum = [V::zero(); W];
+    for (m, y) in inverse.as_chunks::<W>().0.iter().zip(&*y) {
+        let y = V::load(y);
+        for i in 0..W {
+            sum[i] = sum[i].add_scaled(m[i], y);
+        }
+    }
+    for (sum, y) in sum.into_iter().zip(y) {
+        sum.store(y);
+    }
+}
+
+/// y := S^-1 y for more than eight pivots.
+#[inline(always)]
+fn multiply_pivots<V: Vector>(inverse: &[V::T], y: &mut [V::Row]) {
+    let width = y.len();
+    let mut buffer = [V::Row::default(); STRIP];
+    let from = &mut buffer[..width];
+    from.copy_from_slice(y);
+    let (blocks, tail) = y.as_chunks_mut::<BLOCK>();
+    let (m, tail_m) = inverse.split_at(blocks.len() * BLOCK * width);
+    for (out, m) in blocks.iter_mut().zip(m.chunks_exact(BLOCK * width)) {
+        multiply_rows::<V, BLOCK>(m, from, out);
+    }
+    with_length!(tail.len(), R, {
+        multiply_rows::<V, R>(tail_m, from, tail.first_chunk_mut().expect("R rows"));
+    });
+}
+
+/// out := m y for R rows.
+#[inline(always)]
+fn multiply_rows<V: Vector, const R: usize>(m: &[V::T], y: &[V::Row], out: &mut [V::Row; R]) {
+    let mut sum = [V::zero(); R];
+    for (m, y) in m.as_chunks::<R>().0.iter().zip(y) {
+        let y = V::load(y);
+        for i in 0..R {
+            sum[i] = sum[i].add_scaled(m[i], y);
+        }
+    }
+    for i in 0..R {
+        sum[i].store(&mut out[i]);
     }
 }
 
 /// y_pivots -= M^T y_rows.
 #[inline(always)]
-fn backward<F: Features, T: Real, const K: usize>(panels: &Panels<T>, panel: &Panel, work: &mut [[T; K]]) {
+fn backward<V: Vector>(panels: &Panels<V::T>, panel: &Panel, work: &mut [V::Row]) {
     let (first, width) = (panel.first as usize, panel.width as usize);
-    let mut buffer = [[T::default(); K]; STRIP];
-    let x = &mut buffer[..width];
-    x.copy_from_slice(&work[first..first + width]);
+    let (own, rest) = work.split_at_mut(first + width);
+    let own = &mut own[first..];
+    let base = (first + width) as u32;
     let (blocks, tail) = panels.rows[panel.rows()].as_chunks::<BLOCK>();
-    let (values, tail_values) = panels.values[panel.values()].split_at(blocks.len() * BLOCK * width);
-    for (rows, m) in blocks.iter().zip(values.chunks_exact(BLOCK * width)) {
-        let y = rows.map(|row| work[row as usize].map(|v| -v));
-        multiply_transposed::<F, T, K, BLOCK>(x, m, &y);
+    let (m, tail_m) = panels.values[panel.values()].split_at(blocks.len() * BLOCK * width);
+    for (rows, m) in blocks.iter().zip(m.chunks_exact(BLOCK * width)) {
+        subtract_transposed::<V, BLOCK>(rows, m, own, base, rest);
     }
-    macro_rules! tails {
-        ($($t:literal)*) => {
-            match tail.len() {
-                $($t => {
-                    let rows: &[u32; $t] = tail.try_into().expect("matched length");
-                    let y = rows.map(|row| work[row as usize].map(|v| -v));
-                    multiply_transposed::<F, T, K, $t>(x, tail_values, &y);
-                })*
-                _ => {}
-            }
-        };
-    }
-    tails!(1 2 3 4 5 6 7);
-    work[first..first + width].copy_from_slice(x);
+    with_length!(tail.len(), R, {
+        subtract_transposed::<V, R>(tail.first_chunk().expect("R rows"), tail_m, own, base, rest);
+    });
 }
 
-/// x[j] += sum_i m[j][i] y[i] for R rows stored column after column.
+/// x -= M^T y_rows for one block of R rows. Two sums per pivot halve the chain of dependent additions.
 #[inline(always)]
-fn multiply_transposed<F: Features, T: Real, const K: usize, const R: usize>(
-    x: &mut [[T; K]],
-    m: &[T],
-    y: &[[T; K]; R],
+fn subtract_transposed<V: Vector, const R: usize>(
+    rows: &[u32; R],
+    m: &[V::T],
+    x: &mut [V::Row],
+    base: u32,
+    rest: &[V::Row],
 ) {
+    let y = load_rows::<V, R>(rows, base, rest);
     for (m, x) in m.as_chunks::<R>().0.iter().zip(x) {
+        let mut sums = [V::load(x), V::zero()];
         for i in 0..R {
-            add_product::<F, T, K>(x, m[i], &y[i]);
+            sums[i % 2] = sums[i % 2].sub_scaled(m[i], y[i]);
         }
+        sums[0].add(sums[1]).store(x);
     }
 }
