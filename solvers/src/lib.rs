@@ -7,6 +7,7 @@
 //! blocks of vectors are vertex-major ([`columns`]); symmetric matrices store their upper triangle by rows ([`sparse`]);
 //! indices are 0-based `u32`; numbers are f64 at every border. This crate does no I/O, reads no clock and prints nothing.
 
+pub mod aligned;
 pub mod backend;
 pub mod backends;
 pub mod columns;
@@ -29,6 +30,7 @@ pub mod residual;
 pub mod rotation;
 pub mod sparse;
 pub mod system;
+pub mod team;
 pub mod topology;
 pub mod triangle;
 pub mod vector;

@@ -1,7 +1,9 @@
 //! Right-hand sides in, solutions out: the permutation and the conversion to the factor's numbers, row by row.
 use crate::columns::Columns;
-use crate::isa::{Features, Kernel, Real};
+use crate::isa::{Features, Isa, Kernel, Real};
 use crate::lanes::{Shape, Vector};
+use std::marker::PhantomData;
+use std::ops::Range;
 
 /// A group of columns of a wider block.
 #[derive(Clone, Copy)]
@@ -10,6 +12,15 @@ pub struct Group {
     pub from: usize,
     /// Number of columns, at most the lanes of the shape.
     pub count: usize,
+}
+
+/// Where right-hand sides come from.
+pub trait Source: Sync {
+    /// Writes the rows eliminated at positions `range` to `work`, one row each; lanes without a column become zero.
+    fn load<S: Shape>(&self, isa: Isa, range: Range<usize>, group: Group, work: &mut [S::Row]);
+
+    /// The panels of a part that the forward sweep must visit, ascending; `None`: all.
+    fn active(&self, part: usize) -> Option<&[u32]>;
 }
 
 /// Runs `$body` with the constant `$c` equal to `$count`, for 1 to 8 columns.
@@ -25,16 +36,30 @@ macro_rules! with_count {
     };
 }
 
-/// work[k] := row `order[k]` of the block, for all k; lanes without a column become zero.
-pub struct Gather<'a, S: Shape> {
-    /// Rows to take.
+/// A dense right-hand side.
+pub struct Dense<'a> {
+    /// Row eliminated k-th.
     pub order: &'a [u32],
     /// n x k.
     pub block: Columns<&'a [f64]>,
-    /// Columns to take.
-    pub group: Group,
-    /// One row per entry of `order`.
-    pub work: &'a mut [S::Row],
+}
+
+impl Source for Dense<'_> {
+    fn load<S: Shape>(&self, isa: Isa, range: Range<usize>, group: Group, work: &mut [S::Row]) {
+        isa.run(Gather::<S> { order: &self.order[range], block: self.block, group, work });
+    }
+
+    fn active(&self, _: usize) -> Option<&[u32]> {
+        None
+    }
+}
+
+/// work[i] := row `order[i]` of the block. Streams `work` and 4 bytes of index, gathers 8 bytes per number.
+struct Gather<'a, S: Shape> {
+    order: &'a [u32],
+    block: Columns<&'a [f64]>,
+    group: Group,
+    work: &'a mut [S::Row],
 }
 
 impl<S: Shape> Kernel for Gather<'_, S> {
@@ -53,31 +78,59 @@ impl<S: Shape> Kernel for Gather<'_, S> {
     }
 }
 
-/// Row `order[k]` of the block := work[k], for all k. Returns whether all of `work` was finite.
+/// An n x k block that several threads write to, each to rows of its own.
+pub struct Output<'a> {
+    data: *mut f64,
+    len: usize,
+    k: usize,
+    lifetime: PhantomData<&'a mut [f64]>,
+}
+
+// SAFETY: rows are written by `Scatter` alone, whose maker promises that no row is written by two threads.
+unsafe impl Sync for Output<'_> {}
+
+impl<'a> Output<'a> {
+    /// The block, borrowed for as long as threads write to it.
+    pub fn new(block: &'a mut Columns<&mut [f64]>) -> Self {
+        let k = block.k();
+        let data = block.data_mut();
+        Self { data: data.as_mut_ptr(), len: data.len(), k, lifetime: PhantomData }
+    }
+}
+
+/// Row `order[i]` of the block := work[i]. Returns whether all of `work` was finite.
 pub struct Scatter<'a, S: Shape> {
-    /// Rows to write.
-    pub order: &'a [u32],
-    /// n x k.
-    pub block: Columns<&'a mut [f64]>,
-    /// Columns to write.
-    pub group: Group,
-    /// One row per entry of `order`.
-    pub work: &'a [S::Row],
+    order: &'a [u32],
+    block: &'a Output<'a>,
+    group: Group,
+    work: &'a [S::Row],
+}
+
+impl<'a, S: Shape> Scatter<'a, S> {
+    /// One row of `work` per entry of `order`.
+    ///
+    /// # Safety
+    /// No other thread writes to the rows in `order` while this runs.
+    pub unsafe fn new(order: &'a [u32], block: &'a Output<'a>, group: Group, work: &'a [S::Row]) -> Self {
+        Self { order, block, group, work }
+    }
 }
 
 impl<S: Shape> Kernel for Scatter<'_, S> {
     type Output = bool;
 
     #[inline(always)]
-    fn run<F: Features>(mut self) -> bool {
-        let k = self.block.k();
-        let data = self.block.data_mut();
+    fn run<F: Features>(self) -> bool {
+        let Output { data, len, k, .. } = *self.block;
         let mut check = S::Vector::<F>::zero();
         with_count!(self.group.count, C, {
             for (w, &row) in self.work.iter().zip(self.order) {
                 // 0 * w is NaN for an infinity or a NaN, and stays in the sum.
                 check = check.add_scaled(S::T::default(), S::Vector::<F>::load(w));
-                let x = data[row as usize * k + self.group.from..].first_chunk_mut::<C>().expect("C columns");
+                let at = row as usize * k + self.group.from;
+                assert!(at + C <= len, "row {row} is outside of the block");
+                // SAFETY: in bounds; the row is this thread's alone by the promise of `new`.
+                let x = unsafe { &mut *data.add(at).cast::<[f64; C]>() };
                 x.iter_mut().zip(w.as_ref()).for_each(|(x, w)| *x = w.to_f64());
             }
         });

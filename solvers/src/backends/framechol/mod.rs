@@ -4,6 +4,7 @@
 //! graph -> order -> supernodes -> tasks -> symbolic -> numeric (fronts) -> panels -> sweeps, frame after frame
 //! ```
 //! `DESIGN.md` of this crate has the layout of the factor, the task graph, the precisions, and what did not pay.
+mod engine;
 mod front;
 mod gather;
 mod numeric;
@@ -17,16 +18,15 @@ use crate::backend::{Backend, Description, Factor, Footprint, Phase, PrepareOpti
 use crate::columns::Columns;
 use crate::error::{PrepareError, SolveError, Unavailable};
 use crate::isa::Isa;
-use crate::lanes::{Lanes, Shape};
+use crate::lanes::Lanes;
 use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
 use crate::sparse::inverse_permutation;
 use crate::system::System;
-use gather::{Gather, Group, Scatter};
-use numeric::{Breakdown, FactorPart, Workspace};
-use panels::Panels;
+use engine::{Engine, in_groups};
+use gather::{Dense, Output};
 use std::marker::PhantomData;
-use sweep::{Backward, Forward};
+use std::sync::Arc;
 use symbolic::Symbolic;
 
 /// Opens `framechol-f64`: stored and swept in f64.
@@ -41,18 +41,19 @@ pub fn open_f32(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailab
 
 struct FrameChol<T> {
     isa: Isa,
+    threads: usize,
     stored: PhantomData<fn() -> T>,
 }
 
 impl<T: Lanes> FrameChol<T> {
-    fn new(_: &OpenOptions<'_>) -> Self {
-        Self { isa: Isa::best(), stored: PhantomData }
+    fn new(options: &OpenOptions<'_>) -> Self {
+        Self { isa: Isa::best(), threads: options.threads, stored: PhantomData }
     }
 }
 
 impl<T: Lanes> Backend for FrameChol<T> {
     fn describe(&self) -> Description {
-        Description { details: vec![("isa", self.isa.name().into())], ..Description::cpu(1) }
+        Description { details: vec![("isa", self.isa.name().into())], ..Description::cpu(self.threads) }
     }
 
     fn prepare(
@@ -72,83 +73,42 @@ impl<T: Lanes> Backend for FrameChol<T> {
                 (order.to_vec(), "given")
             }
             None => {
-                let ordering = ordering::minimum_degree(&graph);
+                let ordering = ordering::nested_dissection(&graph);
                 (ordering.order, ordering.name)
             }
         };
         on(Phase::Symbolic);
-        let symbolic = Symbolic::new(matrix, &graph, &order, 1);
+        let symbolic = Symbolic::new(matrix, &graph, &order, self.threads);
         drop((graph, order));
-        let panels = symbolic.parts.iter().map(Panels::new).collect();
-        let work = symbolic.parts.iter().map(Workspace::new).collect();
         let lanes = if options.max_columns > 4 { 8 } else { 4 };
-        let vectors = vec![T::default(); lanes * symbolic.order.len()];
-        let mut handle = Handle { isa: self.isa, symbolic, panels, work, vectors, name };
-        handle.factorise(matrix.values(), on)?;
+        let order = Arc::clone(&symbolic.order);
+        let mut handle = Handle::<T> { engine: Engine::new(self.isa, symbolic, lanes, name, |_| ())?, order };
+        handle.update_values(matrix.values(), on)?;
         Ok(Box::new(handle))
     }
 }
 
-/// The first row with a number that is not finite in the right-hand side, or else in the solution.
-fn first_bad_row(rhs: Columns<&[f64]>, x: Columns<&[f64]>) -> usize {
-    let bad =
-        |block: Columns<&[f64]>| block.slice().iter().position(|v| !v.is_finite()).map(|at| at / block.k());
-    bad(rhs).or_else(|| bad(x)).unwrap_or(0)
-}
-
-/// A factored system.
+/// A factored system: one sweep pair per solve.
 struct Handle<T> {
-    isa: Isa,
-    symbolic: Symbolic,
-    panels: Vec<Panels<T>>,
-    work: Vec<Workspace>,
-    vectors: Vec<T>,
-    name: &'static str,
-}
-
-impl<T: Lanes> Handle<T> {
-    fn factorise(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
-        on(Phase::Numeric);
-        let (part, work, out) = (&self.symbolic.parts[0], &mut self.work[0], &mut self.panels[0]);
-        self.isa.run(FactorPart { part, values, below: &[], work, out }).map_err(
-            |Breakdown { position, pivot }| {
-                let row = self.symbolic.order[position as usize] as usize;
-                if pivot.is_finite() {
-                    PrepareError::NotPositiveDefinite { row }
-                } else {
-                    PrepareError::NonFinite { row }
-                }
-            },
-        )
-    }
-
-    /// A group of columns in one sweep pair. Returns whether the solution is finite.
-    fn sweep<S: Shape<T = T>>(&mut self, rhs: Columns<&[f64]>, x: Columns<&mut [f64]>, group: Group) -> bool {
-        let order = &self.symbolic.order[..];
-        let work = &mut S::rows(&mut self.vectors)[..order.len()];
-        self.isa.run(Gather::<S> { order, block: rhs, group, work });
-        self.isa.run(Forward::<S> { panels: &self.panels[0], work });
-        self.isa.run(Backward::<S> { panels: &self.panels[0], work });
-        self.isa.run(Scatter::<S> { order, block: x, group, work })
-    }
+    engine: Engine<T, ()>,
+    /// Row eliminated k-th.
+    order: Arc<[u32]>,
 }
 
 impl<T: Lanes> Factor for Handle<T> {
     fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
-        let (n, k) = (self.symbolic.order.len(), rhs.k());
+        let (n, k) = (self.order.len(), rhs.k());
         assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
-        let widest = self.vectors.len() / n;
-        let (mut from, mut finite) = (0, true);
-        while from < k {
-            let count = (k - from).min(widest);
-            let group = Group { from, count };
-            finite &= if count > 4 {
-                self.sweep::<T::Eight>(rhs, x.reborrow(), group)
+        let rows = &self.order[..];
+        let source = Dense { order: rows, block: rhs };
+        let out = Output::new(&mut x);
+        let finite = in_groups(k, self.engine.widest(), |group| {
+            if group.count > 4 {
+                self.engine.frame::<T::Eight>(&source, rows, &out, group)
             } else {
-                self.sweep::<T::Four>(rhs, x.reborrow(), group)
-            };
-            from += count;
-        }
+                self.engine.frame::<T::Four>(&source, rows, &out, group)
+            }
+        });
         if finite {
             Ok(Solved::default())
         } else {
@@ -157,25 +117,22 @@ impl<T: Lanes> Factor for Handle<T> {
     }
 
     fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
-        self.factorise(values, on)
+        on(Phase::Numeric);
+        self.engine.factorise(values)
     }
 
     fn permutation(&self) -> Option<&[u32]> {
-        Some(&self.symbolic.order)
+        Some(&self.order)
     }
 
     fn footprint(&self) -> Footprint {
-        let panels: u64 = self.panels.iter().map(Panels::bytes).sum();
-        let work: u64 = self.work.iter().map(Workspace::bytes).sum();
-        let vectors = size_of_val(&self.vectors[..]) as u64;
-        Footprint {
-            host_bytes: Some(panels + work + vectors),
-            device_bytes: None,
-            factor_nonzeros: Some(self.symbolic.nonzeros),
-            factor_bytes: Some(panels),
-            bytes_per_solve: Some(self.panels.iter().map(Panels::bytes_per_solve).sum()),
-            factor_flops: Some(self.symbolic.flops),
-            ordering: Some(self.name),
-        }
+        self.engine.footprint()
     }
+}
+
+/// The first row with a number that is not finite in the right-hand side, or else in the solution.
+fn first_bad_row(rhs: Columns<&[f64]>, x: Columns<&[f64]>) -> usize {
+    let bad =
+        |block: Columns<&[f64]>| block.slice().iter().position(|v| !v.is_finite()).map(|at| at / block.k());
+    bad(rhs).or_else(|| bad(x)).unwrap_or(0)
 }

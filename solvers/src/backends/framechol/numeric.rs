@@ -94,7 +94,7 @@ pub struct FactorPart<'a, T> {
     /// Values of the matrix, by stored entry.
     pub values: &'a [f64],
     /// Parts whose roots hang below this one, with their workspaces; for the top.
-    pub below: &'a [(&'a Part, &'a Workspace)],
+    pub below: &'a (dyn Fn(usize) -> (&'a Part, &'a Workspace) + 'a),
     /// Memory.
     pub work: &'a mut Workspace,
     /// Where the factor goes.
@@ -147,7 +147,7 @@ impl Workspace {
     }
 
     /// Adds the update matrices of all children of `s`.
-    fn add_children(&mut self, part: &Part, s: usize, below: &[(&Part, &Self)]) {
+    fn add_children<'a>(&mut self, part: &Part, s: usize, below: &dyn Fn(usize) -> (&'a Part, &'a Self)) {
         for _ in 0..part.children[s] {
             let c = self.waiting.pop().expect("children come before parents") as usize;
             let rows = part.rows(c);
@@ -156,7 +156,7 @@ impl Workspace {
             add_update(update, &self.targets[..rows.len()], pivots, &mut self.panel, &mut self.update);
         }
         for &(from, c) in part.adopted.get(s).map_or(&[][..], |list| &list[..]) {
-            let (other, work) = below[from as usize];
+            let (other, work) = below(from as usize);
             let rows = other.rows(c as usize);
             // A root's rows all belong to the top, which both parts number consecutively.
             let shift = part.first_local.wrapping_sub(other.pivots() as u32);

@@ -17,6 +17,8 @@ use crate::lanes::{Shape, Vector};
 pub struct Forward<'a, S: Shape> {
     /// The factor.
     pub panels: &'a Panels<S::T>,
+    /// Panels to visit, ascending; all where `None`. The pivots of the others must be zero.
+    pub active: Option<&'a [u32]>,
     /// In: right-hand side by local number. Out: S^-1 y on the pivots, updates on the rows of the top.
     pub work: &'a mut [S::Row],
 }
@@ -26,8 +28,17 @@ impl<S: Shape> Kernel for Forward<'_, S> {
 
     #[inline(always)]
     fn run<F: Features>(self) {
-        for panel in &self.panels.list {
-            forward::<S::Vector<F>>(self.panels, panel, self.work);
+        match self.active {
+            None => {
+                for panel in &self.panels.list {
+                    forward::<S::Vector<F>>(self.panels, panel, self.work);
+                }
+            }
+            Some(active) => {
+                for &at in active {
+                    forward::<S::Vector<F>>(self.panels, &self.panels.list[at as usize], self.work);
+                }
+            }
         }
     }
 }
@@ -199,5 +210,12 @@ fn subtract_transposed<V: Vector, const R: usize>(
             sums[i % 2] = sums[i % 2].sub_scaled(m[i], y[i]);
         }
         sums[0].add(sums[1]).store(x);
+    }
+}
+
+/// into += from, row by row.
+pub fn accumulate<S: Shape>(into: &mut [S::Row], from: &[S::Row]) {
+    for (into, from) in into.iter_mut().zip(from) {
+        into.as_mut().iter_mut().zip(from.as_ref()).for_each(|(a, &b)| *a += b);
     }
 }

@@ -4,6 +4,7 @@ use super::supernodes::{Supernodes, children};
 use super::tasks::Tasks;
 use crate::ordering::{Graph, NONE, inverse};
 use crate::sparse::SymmetricCsr;
+use std::sync::Arc;
 
 /// Everything about the factor that does not depend on values.
 ///
@@ -13,7 +14,7 @@ use crate::sparse::SymmetricCsr;
 /// top itself is numbered like the end of thread 0's slab.
 pub struct Symbolic {
     /// `order[k]` is the matrix row eliminated k-th.
-    pub order: Vec<u32>,
+    pub order: Arc<[u32]>,
     /// One part per thread, then the top where there is more than one thread.
     pub parts: Vec<Part>,
     /// Entries of L in its supernodal form without padding: pivot triangles and rectangles below.
@@ -59,6 +60,12 @@ impl Part {
         (self.starts[self.len()] - self.first_local) as usize
     }
 
+    /// Bytes held.
+    pub fn bytes(&self) -> u64 {
+        let words = self.starts.len() + self.row_starts.len() + self.rows.len() + self.entry_starts.len();
+        (4 * (words + self.parent.len() + self.children.len()) + size_of_val(&self.entries[..])) as u64
+    }
+
     /// Rows of supernode `s` below its pivots.
     pub fn rows(&self, s: usize) -> &[u32] {
         &self.rows[self.row_starts[s] as usize..self.row_starts[s + 1] as usize]
@@ -94,7 +101,7 @@ impl Symbolic {
         Self {
             nonzeros: shapes().map(|f| f.entries()).sum(),
             flops: shapes().map(|f| f.flops()).sum(),
-            order: numbering.order,
+            order: numbering.order.into(),
             parts,
         }
     }
