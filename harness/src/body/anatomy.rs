@@ -45,18 +45,18 @@ type TrunkRow = (Pair, Pair, Pair, Pair, f64);
 
 /// Along = height above the ground. Front and back are measured from the plane z = 0.
 const TORSO: &[TrunkRow] = &[
-    ([83.5, 83.0], [5.0, 5.5], [3.4, 3.4], [4.6, 5.0], 2.0),
-    ([88.0, 88.0], [13.0, 14.0], [7.2, 7.0], [8.4, 9.0], 1.8),
-    ([94.0, 94.0], [17.4, 18.8], [9.8, 9.4], [11.0, 11.6], 1.6),
-    ([100.0, 100.0], [17.2, 18.0], [10.8, 10.0], [11.0, 11.5], 1.5),
-    ([107.0, 107.0], [15.8, 14.8], [11.0, 9.4], [9.2, 8.4], 1.4),
-    ([113.0, 113.5], [15.3, 12.8], [11.0, 8.6], [9.0, 7.8], 1.4),
-    ([121.0, 121.0], [16.3, 13.6], [11.2, 8.8], [10.4, 9.0], 1.4),
-    ([129.0, 129.0], [17.6, 14.8], [11.4, 9.2], [12.2, 10.8], 1.3),
-    ([136.0, 136.0], [18.2, 15.6], [10.6, 8.8], [12.6, 11.2], 1.3),
-    ([141.5, 141.5], [17.6, 15.4], [8.6, 7.4], [11.6, 10.4], 1.5),
-    ([146.0, 146.0], [14.6, 12.6], [6.2, 5.4], [9.6, 8.6], 1.8),
-    ([149.5, 149.5], [9.0, 7.6], [4.4, 4.0], [7.4, 6.6], 2.0),
+    ([86.0, 86.0], [5.4, 6.0], [2.6, 2.4], [3.8, 4.2], 2.0),
+    ([89.5, 89.5], [13.6, 15.0], [7.0, 6.6], [8.8, 9.2], 1.9),
+    ([94.0, 94.0], [16.2, 17.6], [9.4, 8.8], [10.6, 11.0], 1.7),
+    ([100.0, 100.0], [16.6, 17.4], [10.6, 9.6], [10.6, 11.0], 1.6),
+    ([107.0, 107.0], [15.6, 14.4], [11.0, 9.2], [9.2, 8.4], 1.5),
+    ([113.0, 113.5], [15.2, 12.6], [11.0, 8.5], [9.0, 7.8], 1.5),
+    ([121.0, 121.0], [16.2, 13.4], [11.0, 8.7], [10.4, 9.0], 1.5),
+    ([129.0, 129.0], [17.4, 14.4], [10.8, 8.8], [12.2, 10.8], 1.5),
+    ([135.0, 135.0], [18.0, 15.2], [9.8, 8.2], [12.6, 11.2], 1.5),
+    ([140.0, 140.0], [17.0, 14.8], [8.2, 7.0], [11.6, 10.4], 1.6),
+    ([144.5, 144.5], [13.4, 11.6], [6.0, 5.2], [9.6, 8.6], 1.8),
+    ([149.0, 149.0], [8.0, 6.8], [4.2, 3.8], [7.4, 6.6], 2.0),
 ];
 
 const NECK: &[TrunkRow] = &[
@@ -68,12 +68,13 @@ const NECK: &[TrunkRow] = &[
 
 /// Chin to forehead; the cranium is an ellipsoid of its own.
 const FACE: &[TrunkRow] = &[
-    ([157.6, 158.0], [3.0, 2.4], [9.4, 8.6], [0.0, 0.0], 1.8),
-    ([159.8, 160.0], [4.6, 3.8], [9.9, 9.2], [2.0, 2.0], 1.8),
-    ([163.0, 163.0], [6.1, 5.4], [9.6, 9.0], [4.0, 4.0], 1.9),
-    ([167.0, 167.0], [6.8, 6.3], [9.4, 9.0], [6.0, 6.0], 1.9),
-    ([170.5, 170.5], [7.1, 6.7], [9.6, 9.3], [7.0, 7.0], 1.9),
-    ([174.0, 174.0], [6.6, 6.4], [9.2, 9.2], [7.0, 7.0], 2.0),
+    ([157.9, 158.3], [3.7, 2.9], [8.5, 7.7], [1.0, 1.0], 1.8),
+    ([159.9, 160.3], [5.0, 4.1], [9.3, 8.5], [2.0, 2.0], 1.7),
+    ([162.8, 163.0], [6.2, 5.4], [9.3, 8.7], [4.0, 4.0], 1.7),
+    ([166.5, 166.5], [6.9, 6.4], [9.1, 8.7], [6.0, 6.0], 1.8),
+    ([170.4, 170.4], [7.0, 6.6], [9.7, 9.2], [7.0, 7.0], 1.9),
+    ([173.0, 173.0], [6.6, 6.2], [8.8, 8.6], [7.0, 7.0], 2.0),
+    ([175.5, 175.5], [5.4, 5.2], [6.8, 6.8], [6.0, 6.0], 2.0),
 ];
 
 /// A ring of a limb: place along its axis (0 to 1), then centre (side, front), radii outer, inner, front, back as
@@ -81,8 +82,8 @@ const FACE: &[TrunkRow] = &[
 type LimbRow = (f64, [f64; 6], f64);
 
 const LEG: &[LimbRow] = &[
-    (0.00, [0.0, 0.0, 8.4, 8.0, 9.2, 10.0], 1.05),
-    (0.08, [0.0, 0.0, 8.8, 8.2, 9.6, 9.8], 1.06),
+    (0.00, [0.0, 0.0, 7.2, 7.6, 8.3, 9.0], 1.05),
+    (0.09, [0.0, 0.0, 8.1, 8.0, 9.2, 9.4], 1.06),
     (0.20, [0.0, 0.0, 8.6, 7.8, 9.8, 8.4], 1.02),
     (0.34, [0.0, 0.0, 7.4, 6.8, 8.8, 7.4], 0.97),
     (0.44, [0.0, 0.0, 6.1, 5.9, 7.2, 6.4], 0.94),
@@ -136,28 +137,44 @@ pub(super) fn parts(p: &Proportions) -> Vec<Part> {
 }
 
 fn trunk(p: &Proportions) -> Vec<Part> {
-    let shoulder = p.of([17.0, 15.0]) / p.one(1.0);
-    let trapezius = capsule(p, [2.5, 150.0, -3.5], [shoulder, 145.0, -2.8], [5.2, 4.6]);
-    let buttock = ellipsoid(p, [7.8, 93.0, -6.5], [8.6, 9.0, 7.6]);
-    let mut parts = vec![trunk_part(upright(p, TORSO, -1.0, [5.0, 3.0]), 1.0, p.one(1.0))];
-    parts.extend(both(trunk_part(trapezius, 0.9, p.one(6.0))));
-    parts.extend(both(trunk_part(buttock, 1.0, p.one(4.0))));
-    parts.push(trunk_part(upright(p, NECK, 0.0, [3.0, 3.0]), 0.8, p.one(5.0)));
+    let torso = upright(p, TORSO, -1.0, [3.0, 3.0]);
+    let trapezius = capsule(
+        p,
+        [[2.5, 151.0, -3.5], [2.2, 151.0, -3.5]],
+        [[16.0, 143.0, -3.0], [14.0, 143.0, -3.0]],
+        [4.6, 3.8],
+    );
+    let breast = ellipsoid(p, [[8.0, 132.0, 5.0], [7.2, 129.0, 5.6]], [[8.0, 5.6, 5.4], [6.0, 6.0, 5.8]]);
+    let buttock = ellipsoid(p, [[7.6, 93.0, -6.0], [7.8, 92.5, -6.2]], [[8.2, 9.0, 7.4], [8.8, 9.4, 8.0]]);
+    let neck = upright(p, NECK, 0.0, [3.0, 3.0]);
+    let part = |loft, detail, blend| trunk_part(loft, detail, p.one(blend));
+    let mut parts = vec![part(torso, 1.0, 1.0)];
+    parts.extend(both(part(trapezius, 0.9, 6.0)));
+    parts.extend(both(part(breast, 0.9, 4.5)));
+    parts.extend(both(part(buttock, 1.0, 4.0)));
+    parts.push(part(neck, 0.8, 5.0));
     parts
 }
 
 fn head(p: &Proportions) -> Vec<Part> {
-    let cranium = ellipsoid(p, [0.0, 170.3, -0.6], [7.6, 9.7, 9.8]);
-    let eye_socket = ellipsoid(p, [3.2, 169.0, 10.8], [2.0, 1.2, 1.6]);
-    let nose = capsule(p, [0.0, 169.0, 8.4], [0.0, 165.2, 10.0], [1.0, 1.5]);
-    let ear = ellipsoid(p, [7.0, 168.2, -0.8], [1.2, 2.9, 1.7]);
+    let same = |v: Vector| [v, v];
+    let cranium = ellipsoid(p, same([0.0, 170.3, -0.6]), [[7.6, 9.7, 9.8], [7.4, 9.7, 9.6]]);
+    // The male knot lies inside the head.
+    let knot = ellipsoid(p, [[0.0, 171.0, -4.5], [0.0, 175.0, -10.6]], [[2.8, 2.8, 2.8], [3.4, 3.4, 2.8]]);
+    let eye_socket = ellipsoid(p, same([3.3, 168.8, 10.9]), same([2.0, 1.3, 1.8]));
+    let nose = capsule(p, same([0.0, 169.0, 8.4]), [[0.0, 165.2, 10.0], [0.0, 165.4, 9.4]], [1.0, 1.45]);
+    let mouth = ellipsoid(p, [[0.0, 162.3, 8.7], [0.0, 162.6, 8.0]], same([2.4, 1.1, 1.2]));
+    let ear = ellipsoid(p, same([7.0, 168.2, -0.8]), [[1.1, 2.9, 1.8], [1.0, 2.6, 1.6]]);
+    let part = |loft, detail, blend| trunk_part(loft, detail, p.one(blend));
     let mut parts = vec![
-        trunk_part(cranium, 0.65, p.one(2.0)),
-        trunk_part(upright(p, FACE, 2.0, [1.2, 3.0]), 0.6, p.one(2.5)),
+        part(cranium, 0.65, 2.0),
+        part(upright(p, FACE, 2.0, [1.3, 2.0]), 0.6, 2.5),
+        part(knot, 0.65, 1.5),
     ];
-    parts.extend(both(Part { operation: Operation::Carve, ..trunk_part(eye_socket, 0.5, p.one(1.4)) }));
-    parts.push(trunk_part(nose, 0.5, p.one(1.2)));
-    parts.extend(both(trunk_part(ear, 0.5, p.one(1.2))));
+    parts.extend(both(Part { operation: Operation::Carve, ..part(eye_socket, 0.5, 1.6) }));
+    parts.push(part(nose, 0.5, 1.4));
+    parts.push(part(mouth, 0.5, 1.2));
+    parts.extend(both(part(ear, 0.5, 1.2)));
     parts
 }
 
@@ -170,7 +187,7 @@ fn arms(p: &Proportions, joints: &Joints) -> Vec<Part> {
     };
     [
         part(limb(p, arm, norm(sub(wrist, shoulder)), ARM, [5.0, 1.5]), 0.8, 8.0),
-        part(limb(p, hand, norm(sub(tips, wrist)), HAND, [1.5, 1.6]), 0.5, 1.0),
+        part(limb(p, hand, norm(sub(tips, wrist)), HAND, [1.5, 1.6]), 0.45, 1.0),
         part(thumb(p, &hand), 0.5, 1.2),
     ]
     .concat()
@@ -243,18 +260,18 @@ fn limb(p: &Proportions, frame: Frame, length: f64, rows: &[LimbRow], caps: [f64
     Loft::new(frame, &rings, caps.map(|c| p.of([c, 0.9 * c])))
 }
 
-/// An upright ellipsoid: centre and radii (side, height, depth).
-fn ellipsoid(p: &Proportions, centre: Vector, [side, height, depth]: Vector) -> Loft {
-    let centre = centre.map(|c| p.one(c));
+/// An upright ellipsoid: centre and radii (side, height, depth), male and female.
+fn ellipsoid(p: &Proportions, centre: [Vector; 2], radii: [Vector; 2]) -> Loft {
+    let centre = p.point(centre);
     let frame = Frame::looking(centre, add(centre, [0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]);
-    let [side, height, depth] = [side, height, depth].map(|r| p.one(r));
+    let [side, height, depth] = p.point(radii);
     let ring = Ring { along: 0.0, shape: [0.0, 0.0, side, side, depth, depth], roundness: 2.0 };
     Loft::new(frame, &[ring], [height, height])
 }
 
-/// A round part between two points with a radius at each.
-fn capsule(p: &Proportions, from: Vector, to: Vector, radii: [f64; 2]) -> Loft {
-    let (from, to) = (from.map(|c| p.one(c)), to.map(|c| p.one(c)));
+/// A round part between two points (male and female) with a radius at each.
+fn capsule(p: &Proportions, from: [Vector; 2], to: [Vector; 2], radii: [f64; 2]) -> Loft {
+    let (from, to) = (p.point(from), p.point(to));
     let ring = |along: f64, radius: f64| {
         let r = p.one(radius);
         Ring { along, shape: [0.0, 0.0, r, r, r, r], roundness: 2.0 }

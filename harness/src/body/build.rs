@@ -38,4 +38,9 @@ impl Proportions {
     pub(super) fn of(&self, [male, female]: [f64; 2]) -> f64 {
         self.scale * (male + self.share * (female - male))
     }
+
+    /// A point, or three lengths, with male and female numbers.
+    pub(super) fn point(&self, [male, female]: [[f64; 3]; 2]) -> [f64; 3] {
+        std::array::from_fn(|i| self.of([male[i], female[i]]))
+    }
 }

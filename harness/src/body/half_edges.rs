@@ -35,20 +35,24 @@ impl HalfEdges {
     /// None if some edge is not shared by exactly two triangles of opposite direction.
     pub(super) fn new(positions: Vec<Vector>, detail: Vec<f64>, triangles: &[[u32; 3]]) -> Option<Self> {
         let from = triangles.as_flattened().to_vec();
-        let mut sorted: Vec<(u32, u32, HalfEdge)> =
-            (0..from.len() as u32).map(|h| (from[h as usize], from[next(h) as usize], h)).collect();
-        sorted.sort_unstable();
-        let find = |a: u32, b: u32| {
-            let range = sorted.partition_point(|e| (e.0, e.1) < (a, b))
-                ..sorted.partition_point(|e| (e.0, e.1) <= (a, b));
-            (range.len() == 1).then(|| sorted[range.start].2)
+        let ends = |h: HalfEdge| (from[h as usize], from[next(h) as usize]);
+        let sorted_ends = |h: &HalfEdge| {
+            let (a, b) = ends(*h);
+            (a.min(b), a.max(b))
         };
+        let mut by_edge: Vec<HalfEdge> = (0..from.len() as u32).collect();
+        by_edge.sort_by_cached_key(sorted_ends);
         let mut leaving = vec![DEAD; positions.len()];
         let mut twin = vec![DEAD; from.len()];
-        for &(a, b, h) in &sorted {
-            find(a, b)?;
-            twin[h as usize] = find(b, a)?;
-            leaving[a as usize] = h;
+        for edge in by_edge.chunk_by(|g, h| sorted_ends(g) == sorted_ends(h)) {
+            let &[g, h] = edge else { return None };
+            if ends(g).0 != ends(h).1 {
+                return None;
+            }
+            for (x, y) in [(g, h), (h, g)] {
+                twin[x as usize] = y;
+                leaving[from[x as usize] as usize] = x;
+            }
         }
         Some(Self { positions, detail, from, twin, leaving, removed_triangles: 0 })
     }

@@ -127,10 +127,12 @@ impl Loft {
         let moves = inside == along.value;
         let piece = self.pieces.iter().rev().find(|p| inside >= p.start).unwrap_or(&self.pieces[0]);
         let u = inside - piece.start;
-        piece.coefficients.map(|[a, b, c, d]| {
-            let value = a + u * (b + u * (c + u * d));
-            if moves { along.chain(value, b + u * (2.0 * c + u * 3.0 * d)) } else { Jet::constant(value) }
-        })
+        let mut shape = [Jet::constant(0.0); QUANTITIES];
+        for (quantity, &[a, b, c, d]) in shape.iter_mut().zip(&piece.coefficients) {
+            let slope = if moves { b + u * (2.0 * c + u * 3.0 * d) } else { 0.0 };
+            *quantity = along.chain(a + u * (b + u * (c + u * d)), slope);
+        }
+        shape
     }
 
     /// (place along the axis, side, front) of a point, the last two relative to the ring's centre and radii: the

@@ -1,7 +1,7 @@
 //! From the first mesh to one with the wanted number of triangles: longest edges are split or shortest ones
 //! collapsed in rounds, each followed by Delaunay flips and relaxation along the surface.
 
-use super::half_edges::{HalfEdge, HalfEdges};
+use super::half_edges::{HalfEdge, HalfEdges, next, previous};
 use super::random::Random;
 use super::surface::Surface;
 use crate::vector::{Vector, add, add_scaled, area_normal, dot, norm, normalize, scale, sub};
@@ -33,11 +33,12 @@ fn approach(mesh: &mut HalfEdges, surface: &Surface, triangles: usize, random: &
         let before = mesh.triangle_count();
         if before < triangles {
             split_longest(mesh, surface, (triangles - before) / 2, random);
+            improve(mesh, surface, 1);
         } else {
             collapse_shortest(mesh, surface, (before - triangles) / 2, random);
+            flip_to_delaunay(mesh);
         }
         assert_ne!(mesh.triangle_count(), before, "no edge can be split or collapsed any more");
-        improve(mesh, surface, 1);
     }
 }
 
@@ -48,20 +49,25 @@ fn relative_length(mesh: &HalfEdges, h: HalfEdge) -> f64 {
     norm(sub(mesh.position(a), mesh.position(b))) / wanted
 }
 
-/// All edges by relative length, times a random factor near 1; `sign` -1 puts the longest first.
+/// The third of all edges with the smallest `sign` times relative length times a random factor near 1, in this order:
+/// `sign` -1 gives the longest. A round that went on to the other edges would even out the wanted differences.
 fn ranked(mesh: &HalfEdges, sign: f64, random: &mut Random) -> Vec<(f64, HalfEdge)> {
     let mut edges: Vec<_> = mesh
         .edges()
         .map(|h| (sign * relative_length(mesh, h) * (1.0 + UNEVENNESS * random.signed_unit()), h))
         .collect();
-    edges.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let order = |a: &(f64, HalfEdge), b: &(f64, HalfEdge)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+    let third = edges.len() / 3;
+    edges.select_nth_unstable_by(third, order);
+    edges.truncate(third);
+    edges.par_sort_unstable_by(order);
     edges
 }
 
 /// Splits up to `count` edges, the longest first; each triangle is cut at most once.
 fn split_longest(mesh: &mut HalfEdges, surface: &Surface, count: usize, random: &mut Random) {
     let mut cut = vec![false; mesh.half_edge_slots() / 3];
-    let chosen: Vec<HalfEdge> = ranked(mesh, -1.0, random)
+    let mut chosen: Vec<HalfEdge> = ranked(mesh, -1.0, random)
         .into_iter()
         .map(|(_, h)| h)
         .filter(|&h| {
@@ -74,6 +80,7 @@ fn split_longest(mesh: &mut HalfEdges, surface: &Surface, count: usize, random: 
         })
         .take(count)
         .collect();
+    chosen.sort_unstable(); // new vertices and triangles follow the order of the old ones: memory stays coherent
     let middles: Vec<Vector> = chosen
         .par_iter()
         .map(|&h| {
@@ -125,33 +132,41 @@ fn improve(mesh: &mut HalfEdges, surface: &Surface, rounds: usize) {
 }
 
 /// Flips edges whose two opposite angles add up to more than a straight angle, where that does not fold the
-/// surface, in at most `SWEEPS` passes over all edges.
+/// surface; then looks again at the edges around, at most `SWEEPS` times in all.
 fn flip_to_delaunay(mesh: &mut HalfEdges) {
     const SWEEPS: usize = 4;
+    let slots = 0..mesh.half_edge_slots() as u32;
+    let one_per_edge = |h: &HalfEdge| mesh.is_alive(*h) && *h < mesh.twin(*h);
+    let mut candidates: Vec<HalfEdge> =
+        slots.into_par_iter().filter(one_per_edge).filter(|&h| is_obtuse(mesh, h)).collect();
     for _ in 0..SWEEPS {
-        let mut flips = 0;
-        for h in 0..mesh.half_edge_slots() as u32 {
-            if mesh.is_alive(h) && h < mesh.twin(h) && should_flip(mesh, h) {
+        let mut around = Vec::new();
+        for h in candidates {
+            if is_obtuse(mesh, h) && can_flip(mesh, h) {
                 mesh.flip(h);
-                flips += 1;
+                around.extend([h, mesh.twin(h)].into_iter().flat_map(|h| [next(h), previous(h)]));
             }
         }
-        if flips == 0 {
-            break;
-        }
+        candidates = around;
     }
 }
 
-fn should_flip(mesh: &HalfEdges, h: HalfEdge) -> bool {
-    let g = mesh.twin(h);
+/// True if the two angles opposite to the edge add up to more than a straight angle.
+fn is_obtuse(mesh: &HalfEdges, h: HalfEdge) -> bool {
     let [a, b] = mesh.ends(h);
+    let (a, b) = (mesh.position(a), mesh.position(b));
+    let apex = |h: HalfEdge| mesh.position(mesh.opposite(h));
+    cotangent(a, b, apex(h)) + cotangent(a, b, apex(mesh.twin(h))) < -1e-9 // rounding must not turn a square's diagonal for ever
+}
+
+/// True if the flipped edge is new and no triangle turns by more than 60 degrees.
+fn can_flip(mesh: &HalfEdges, h: HalfEdge) -> bool {
+    let g = mesh.twin(h);
+    let [a, b] = mesh.ends(h).map(|v| mesh.position(v));
     let (c, d) = (mesh.opposite(h), mesh.opposite(g));
-    let [pa, pb, pc, pd] = [a, b, c, d].map(|v| mesh.position(v));
-    if cotangent(pa, pb, pc) + cotangent(pa, pb, pd) >= -1e-9 {
-        return false;
-    }
+    let (pc, pd) = (mesh.position(c), mesh.position(d));
     let (n1, n2) = (mesh.normal(h), mesh.normal(g));
-    let (m1, m2) = (area_normal(pd, pc, pa), area_normal(pc, pd, pb));
+    let (m1, m2) = (area_normal(pd, pc, a), area_normal(pc, pd, b));
     let agree = |m: Vector, n: Vector| dot(m, n) > 0.5 * norm(m) * norm(n);
     agree(n1, n2) && agree(m1, n1) && agree(m2, n1) && agree(m1, m2) && mesh.neighbours(c).all(|v| v != d)
 }

@@ -96,7 +96,7 @@ impl Joints {
             point(0.0, [160.5, 160.5], 0.5),
             point(0.0, [180.0, 180.0], 0.5),
         ];
-        let shoulder = [p.of([18.8, 16.6]), p.of([144.5, 144.5]), p.one(-2.5)];
+        let shoulder = [p.of([18.8, 16.6]), p.one(142.5), p.one(-2.5)];
         // 38 degrees off the vertical: sin 0.616, cos 0.788.
         let reach = |length: f64| {
             let length = p.one(length);
