@@ -109,9 +109,11 @@ mod tests {
     #[test]
     fn bodies_and_walk_have_the_same_bits_everywhere() {
         // A change here changes every result keyed by a body's checksum: say so in the changelog.
-        for (build, triangles, expected) in
-            [(Build::Template, 20_000, "733e08eeab621f18"), (Build::Male, 50_000, "926c0fb00cf7ca91"), (Build::Female, 1_000, "df9975aed84bcd1e")]
-        {
+        for (build, triangles, expected) in [
+            (Build::Template, 20_000, "733e08eeab621f18"),
+            (Build::Male, 50_000, "926c0fb00cf7ca91"),
+            (Build::Female, 1_000, "df9975aed84bcd1e"),
+        ] {
             assert_eq!(hex(&Body::new(build, triangles).mesh), expected, "{build:?} {triangles}");
         }
         let template = Body::new(Build::Template, 2_000);
