@@ -97,11 +97,11 @@ fn frames_and_pairs_of_the_data_folder_are_read() {
         ("horse_gallop_frames.npy", 48, 8_431),
         ("camel_poses.npy", 10, 21_887),
     ] {
-        let read = mesh_io::npy::read_frames(&sequences.join(file), vertices).unwrap();
+        let read = mesh_io::frames::read(&sequences.join(file), vertices).unwrap();
         assert_eq!((read.len(), read.vertices()), (frames, vertices), "{file}");
     }
     let samba = mesh_io::read_mesh(&sequences.join("samba.ply")).unwrap();
-    let frames = mesh_io::npy::read_frames(&sequences.join("samba_frames.npy"), 9_971).unwrap();
+    let frames = mesh_io::frames::read(&sequences.join("samba_frames.npy"), 9_971).unwrap();
     assert_eq!(frames.frame(0), samba.mesh.positions());
     for (file, limits, pairs) in [
         ("horse_camel_tri_many.txt", [16_843, 43_814], 49_793),
@@ -130,7 +130,7 @@ fn a_wrong_extension_is_noted_and_does_no_harm() {
 fn samba_twice_subdivided_is_closed_smooth_and_its_frames_follow() {
     let Some(data) = needs::data() else { return };
     let samba = mesh_io::read_mesh(&data.join("sequences/samba.ply")).unwrap().mesh;
-    let frames = mesh_io::npy::read_frames(&data.join("sequences/samba_frames.npy"), 9_971).unwrap();
+    let frames = mesh_io::frames::read(&data.join("sequences/samba_frames.npy"), 9_971).unwrap();
     let fine = Subdivision::new(&samba, 2).unwrap();
     assert_eq!((fine.mesh().triangles().len(), fine.mesh().positions().len()), (319_008, 159_506));
     let topology = Topology::of(fine.mesh());

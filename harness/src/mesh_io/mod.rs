@@ -5,8 +5,27 @@
 //! header promises are compared with the bytes that are left before anything is reserved.
 //!
 //! What is wrong with a mesh but no obstacle comes back as [`Note`]s, each saying what was done about it.
+//!
+//! # Mesh formats
+//! | format | read | written |
+//! |---|---|---|
+//! | PLY | ascii, binary of both byte orders, any number types, triangle strips | binary little endian, `double` |
+//! | OBJ | `v` and `f` with all forms of corners; curves, lines and looks are skipped | 17 significant digits |
+//! | OFF | text, also with colours, normals, texture coordinates, or without keyword | - |
+//! | STL | ascii and binary; equal positions merged | - |
+//! | glTF, GLB | scenes with placed meshes; equal positions merged within a node | - |
+//!
+//! Vertices and triangles keep the order of the file. Polygons become fans of triangles at their first corner, right
+//! for convex ones. A coordinate that is NaN or infinite, an index out of range and a file without triangles are errors;
+//! nothing else about a mesh is.
+//!
+//! # Which format a file has
+//! The content decides where it shows beyond doubt: `ply` and a line end; `glTF` or `{`; the keyword `OFF` or a variant;
+//! `solid` with a `facet`; the exact length of a binary STL; a first word that only OBJ has. Otherwise the extension
+//! decides. Where the two disagree the mesh is read by content and a note says so.
 
 mod builder;
+pub mod frames;
 mod gltf;
 pub mod matrix_market;
 mod note;

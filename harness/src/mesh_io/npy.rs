@@ -1,12 +1,15 @@
-//! NumPy `.npy` arrays: frames (frames x vertices x 3) and columns (n x k).
+//! NumPy `.npy` arrays of floats.
+//!
+//! Own reader and writer instead of a crate: what is needed of the format fits one page, and parsers of its header, a
+//! Python literal, recurse and multiply whatever a file asks for.
 
-use std::io::{self, Cursor, Write};
-use std::panic::catch_unwind;
+use std::io::{self, Write};
 use std::path::Path;
 
-use npyz::{DType, Endianness, NpyHeader, Order, TypeChar, WriterBuilder};
-
+use super::text::shown;
 use crate::file::{self, Fault, FileError, Place};
+
+const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// A dense array in C order.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,72 +20,12 @@ pub struct Array {
     pub values: Vec<f64>,
 }
 
-/// Positions of the same vertices over time.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Frames {
-    vertices: usize,
-    positions: Vec<[f64; 3]>,
-}
-
-impl Frames {
-    /// Takes over positions, frame after frame.
-    ///
-    /// # Panics
-    /// If `positions` is no multiple of `vertices`, or `vertices` is 0.
-    pub fn new(vertices: usize, positions: Vec<[f64; 3]>) -> Self {
-        assert!(positions.len().is_multiple_of(vertices), "frames: the same number of vertices in each");
-        Self { vertices, positions }
-    }
-
-    /// Number of frames.
-    pub fn len(&self) -> usize {
-        self.positions.len() / self.vertices
-    }
-
-    /// Whether there is no frame.
-    pub fn is_empty(&self) -> bool {
-        self.positions.is_empty()
-    }
-
-    /// Vertices of each frame.
-    pub fn vertices(&self) -> usize {
-        self.vertices
-    }
-
-    /// The positions of frame `k`.
-    pub fn frame(&self, k: usize) -> &[[f64; 3]] {
-        &self.positions[k * self.vertices..][..self.vertices]
-    }
-
-    /// The frames in order.
-    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[[f64; 3]]> {
-        self.positions.chunks_exact(self.vertices)
-    }
-}
-
 /// Reads a `.npy` file of `<f4` or `<f8` in C order, any number of axes. All values must be finite.
 ///
 /// # Errors
 /// [`FileError`] naming the file and, for a value that is not finite, its position.
 pub fn read(path: &Path) -> Result<Array, FileError> {
     parse(&file::read(path)?).map_err(|fault| fault.in_file(path))
-}
-
-/// Reads frames of shape (frames, `vertices`, 3).
-///
-/// # Errors
-/// As [`read`], and for another shape.
-pub fn read_frames(path: &Path, vertices: usize) -> Result<Frames, FileError> {
-    let array = read(path)?;
-    match array.shape[..] {
-        [frames, n, 3] if n == vertices && n > 0 && frames > 0 => {
-            Ok(Frames::new(vertices, array.values.as_chunks().0.to_vec()))
-        }
-        _ => {
-            let problem = format!("has shape {:?}, expected (frames, {vertices}, 3)", array.shape);
-            Err(Fault::new(problem, "the frames must have the vertices of the mesh they move").in_file(path))
-        }
-    }
 }
 
 /// Reads columns of shape (`n`, k), vertex-major; a one-dimensional array is one column. Returns k and the values.
@@ -107,72 +50,83 @@ pub fn read_columns(path: &Path, n: usize) -> Result<(usize, Vec<f64>), FileErro
 /// # Errors
 /// A fault naming what is not supported or the first value that is not finite.
 pub fn parse(bytes: &[u8]) -> Result<Array, Fault> {
-    let (header, start) = parse_header(bytes)?;
-    if header.order() == Order::Fortran && header.shape().iter().filter(|&&n| n > 1).count() > 1 {
+    let (header, data) = split(bytes)?;
+    let header = Header::parse(header)?;
+    if header.fortran_order && header.shape.iter().filter(|&&n| n > 1).count() > 1 {
         return Err(Fault::new("is in Fortran order", "save numpy.ascontiguousarray(a)"));
     }
-    let size = item_size(&header.dtype())?;
-    let shape: Option<Vec<usize>> = header.shape().iter().map(|&n| usize::try_from(n).ok()).collect();
-    let count = shape.as_ref().and_then(|shape| shape.iter().try_fold(1usize, |a, &n| a.checked_mul(n)));
-    let data = &bytes[start..];
-    let (Some(shape), Some(count)) = (shape, count.filter(|&n| n.checked_mul(size) == Some(data.len())))
-    else {
-        let problem = format!("has {} bytes of data, but its shape is {:?}", data.len(), header.shape());
-        return Err(Fault::new(problem, "the file is cut off or damaged; save it again"));
+    let size = match header.descr {
+        "<f4" => 4,
+        "<f8" => 8,
+        other => {
+            let problem = format!("has element type '{}'", shown(other.as_bytes()));
+            return Err(Fault::new(problem, "save numpy.asarray(a, '<f8') or '<f4'"));
+        }
     };
+    if header.bytes(size) != Some(data.len()) {
+        let problem = format!("has {} bytes of data, but its shape is {:?}", data.len(), header.shape);
+        return Err(Fault::new(problem, "the file is cut off or damaged; save it again"));
+    }
     let values: Vec<f64> = match size {
         4 => data.as_chunks().0.iter().map(|&x| f64::from(f32::from_le_bytes(x))).collect(),
         _ => data.as_chunks().0.iter().map(|&x| f64::from_le_bytes(x)).collect(),
     };
-    debug_assert_eq!(values.len(), count);
     match values.iter().position(|x| !x.is_finite()) {
-        None => Ok(Array { shape, values }),
+        None => Ok(Array { shape: header.shape, values }),
         Some(at) => Err(Fault::at(Place::Element("value", at), "is NaN or infinite", "repair the data")),
     }
 }
 
-/// The header and where the data starts.
-fn parse_header(bytes: &[u8]) -> Result<(NpyHeader, usize), Fault> {
-    let broken = |why: String| Fault::new(format!("is no .npy file ({why})"), "save it with numpy.save");
-    // Format version 1 has a 2-byte length of the header, versions 2 and 3 a 4-byte one; the crate reserves that much
-    // before it reads, so the length is checked here.
-    let promised = match bytes {
-        [0x93, b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => {
-            10 + usize::from(u16::from_le_bytes([*a, *b]))
-        }
-        [0x93, b'N', b'U', b'M', b'P', b'Y', 2 | 3, _, a, b, c, d, ..] => {
-            12 + u32::from_le_bytes([*a, *b, *c, *d]) as usize
-        }
-        _ => return Err(broken("it lacks the signature of version 1, 2 or 3".into())),
-    };
-    const HEADER_LIMIT: usize = 4096; // one is a few hundred bytes
-    if promised > bytes.len().min(HEADER_LIMIT) {
-        return Err(broken(format!(
-            "its header of {promised} bytes is cut off or over {HEADER_LIMIT} bytes"
-        )));
-    }
-    // The crate parses the header as a Python literal, recursively. A plain array's is a dictionary with one tuple.
-    if bytes[..promised].iter().filter(|b| b"([{".contains(b)).count() > 2 {
-        return Err(Fault::new("is no plain array", "save numpy.asarray(a, '<f8') or '<f4'"));
-    }
-    let header = catch_unwind(|| NpyHeader::from_reader(Cursor::new(&bytes[..promised])));
-    match header {
-        Ok(Ok(header)) => Ok((header, promised)),
-        Ok(Err(error)) => Err(broken(error.to_string())),
-        Err(_) => Err(broken("its header cannot be parsed".into())),
-    }
+fn broken(why: &str) -> Fault {
+    Fault::new(format!("is no .npy file ({why})"), "save it with numpy.save")
 }
 
-fn item_size(dtype: &DType) -> Result<usize, Fault> {
-    let unsupported =
-        || Fault::new(format!("has element type {}", dtype.descr()), "save numpy.asarray(a, '<f8') or '<f4'");
-    let DType::Plain(plain) = dtype else { return Err(unsupported()) };
-    let size = plain.size_field();
-    let little = plain.endianness() == Endianness::Little;
-    if plain.type_char() == TypeChar::Float && little && (size == 4 || size == 8) {
-        Ok(size as usize)
-    } else {
-        Err(unsupported())
+/// Header and data. Format version 1 has a 2-byte length of the header, versions 2 and 3 a 4-byte one.
+fn split(bytes: &[u8]) -> Result<(&[u8], &[u8]), Fault> {
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| broken("it lacks the signature"))?;
+    let (length, rest) = match *rest {
+        [1, _, a, b, ref rest @ ..] => (usize::from(u16::from_le_bytes([a, b])), rest),
+        [2 | 3, _, a, b, c, d, ref rest @ ..] => (u32::from_le_bytes([a, b, c, d]) as usize, rest),
+        _ => return Err(broken("its version is not 1, 2 or 3")),
+    };
+    rest.split_at_checked(length).ok_or_else(|| broken("its header is cut off"))
+}
+
+/// What the header says: `{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }`.
+struct Header<'a> {
+    descr: &'a str,
+    fortran_order: bool,
+    shape: Vec<usize>,
+}
+
+impl<'a> Header<'a> {
+    fn parse(bytes: &'a [u8]) -> Result<Self, Fault> {
+        let text = std::str::from_utf8(bytes).map_err(|_| broken("its header is no text"))?;
+        let value = |key: &str| {
+            let at = text
+                .find(&format!("'{key}':"))
+                .ok_or_else(|| broken(&format!("its header lacks '{key}'")))?;
+            Ok(text[at + key.len() + 3..].trim_start())
+        };
+        let quoted = value("descr")?.strip_prefix('\'').and_then(|descr| descr.split_once('\''));
+        let (descr, _) = quoted.ok_or_else(|| {
+            Fault::new("is no plain array of numbers", "save numpy.asarray(a, '<f8') or '<f4'")
+        })?;
+        let fortran_order = value("fortran_order")?.starts_with("True");
+        let tuple = value("shape")?.strip_prefix('(').and_then(|shape| shape.split_once(')'));
+        let (tuple, _) = tuple.ok_or_else(|| broken("its shape is no tuple"))?;
+        let lengths = tuple.split(',').map(str::trim).filter(|length| !length.is_empty());
+        let shape: Result<_, _> = lengths.map(str::parse).collect();
+        Ok(Self {
+            descr,
+            fortran_order,
+            shape: shape.map_err(|_| broken("its shape holds no whole numbers"))?,
+        })
+    }
+
+    /// Bytes of all items of `size` bytes, unless the product overflows.
+    fn bytes(&self, size: usize) -> Option<usize> {
+        self.shape.iter().try_fold(size, |bytes, &n| bytes.checked_mul(n))
     }
 }
 
@@ -201,10 +155,20 @@ pub fn write(path: &Path, shape: &[usize], values: &[f64]) -> Result<(), FileErr
 }
 
 fn write_to(out: &mut dyn Write, shape: &[usize], values: &[f64]) -> io::Result<()> {
-    let shape: Vec<u64> = shape.iter().map(|&n| n as u64).collect();
-    let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(out).begin_nd()?;
-    writer.extend(values)?;
-    writer.finish()
+    // A tuple of one needs its comma.
+    let tuple: String = shape.iter().map(|n| format!("{n}, ")).collect();
+    let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}), }}", tuple.trim_end());
+    // NumPy wants the data at a multiple of 64 bytes and a line end before it.
+    let before = MAGIC.len() + 4;
+    let length = (before + header.len() + 1).next_multiple_of(64) - before;
+    out.write_all(MAGIC)?;
+    out.write_all(&[1, 0])?;
+    out.write_all(&(length as u16).to_le_bytes())?; // a shape of more than a thousand axes is not written here
+    writeln!(out, "{header:<width$}", width = length - 1)?;
+    for value in values {
+        out.write_all(&value.to_le_bytes())?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -240,7 +204,7 @@ mod tests {
             ),
             ("{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }", &[0; 8], "8 bytes"),
             ("{'descr': '<f8', 'fortran_order': False, 'shape': (1,), }", &[255; 8], "value 0"),
-            ("{'descr': '<f8', 'shape': (1,), }", &[0; 8], "no .npy file"),
+            ("{'descr': '<f8', 'shape': (1,), }", &[0; 8], "lacks 'fortran_order'"),
             (&nested, &[0; 8], "no plain array"),
         ] {
             let fault = parse(&file(header, data)).unwrap_err();

@@ -17,16 +17,12 @@ impl Buffers {
     ///
     /// # Errors
     /// A fault naming the buffer.
-    pub fn load(
-        document: &Document,
-        mut blob: Option<Vec<u8>>,
-        folder: Option<&Path>,
-    ) -> Result<Self, Fault> {
+    pub fn load(document: &Document, blob: Option<&[u8]>, folder: Option<&Path>) -> Result<Self, Fault> {
         let mut loaded = Vec::new();
         let mut total = 0;
         for buffer in document.buffers() {
             let place = Place::Element("buffer", buffer.index());
-            let bytes = load_one(&buffer, &mut blob, folder, place)?;
+            let bytes = load_one(&buffer, blob, folder, place)?;
             if bytes.len() < buffer.length() {
                 let problem = format!("has {} bytes, promised are {}", bytes.len(), buffer.length());
                 return Err(Fault::at(place, problem, "the file is cut off or damaged"));
@@ -48,15 +44,15 @@ impl Buffers {
 
 fn load_one(
     buffer: &Buffer<'_>,
-    blob: &mut Option<Vec<u8>>,
+    blob: Option<&[u8]>,
     folder: Option<&Path>,
     place: Place,
 ) -> Result<Vec<u8>, Fault> {
     let uri = match buffer.source() {
         Source::Bin => {
-            return blob
-                .take()
-                .ok_or_else(|| Fault::at(place, "is missing from the file", "export it again"));
+            // Only the first buffer may be the chunk of the container.
+            let blob = blob.filter(|_| buffer.index() == 0).map(<[u8]>::to_vec);
+            return blob.ok_or_else(|| Fault::at(place, "is missing from the file", "export it again"));
         }
         Source::Uri(uri) => uri,
     };

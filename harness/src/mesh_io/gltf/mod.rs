@@ -30,18 +30,47 @@ const LARGEST: usize = 1 << 24;
 /// # Errors
 /// A fault naming node, accessor or buffer.
 pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Parsed {
+    let (json, blob) = if bytes.starts_with(b"glTF") { split_binary(bytes)? } else { (bytes, None) };
     // The crate is given foreign bytes here and nowhere else; its lookups below follow indices it has validated.
-    let parsed = catch_unwind(|| Gltf::from_slice(bytes));
-    let unreadable =
-        |why: String| Fault::new(format!("is no valid glTF 2.0 file ({why})"), "export it again");
-    let mut gltf = match parsed {
+    let gltf = match catch_unwind(|| Gltf::from_slice(json)) {
         Ok(Ok(gltf)) => gltf,
-        Ok(Err(error)) => return Err(unreadable(explain(&error))),
-        Err(_) => return Err(unreadable("its structure cannot be parsed".into())),
+        Ok(Err(error)) => return Err(unreadable(&explain(&error))),
+        Err(_) => return Err(unreadable("its structure cannot be parsed")),
     };
-    let blob = gltf.blob.take();
     let scene = AssertUnwindSafe(|| Reader::new(&gltf.document, blob, folder)?.read(&gltf.document));
-    catch_unwind(scene).unwrap_or_else(|_| Err(unreadable("its structure is inconsistent".into())))
+    catch_unwind(scene).unwrap_or_else(|_| Err(unreadable("its structure is inconsistent")))
+}
+
+fn unreadable(why: &str) -> Fault {
+    Fault::new(format!("is no valid glTF 2.0 file ({why})"), "export it again")
+}
+
+/// The JSON and the binary chunk of a GLB file (glTF 2.0, section 4.4). Split here because the crate computes with the
+/// lengths in the file before it checks them.
+fn split_binary(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
+    let word = |at: usize| {
+        bytes.get(at..at + 4).map(|w| u32::from_le_bytes(w.try_into().expect("4 bytes")) as usize)
+    };
+    if word(4) != Some(2) {
+        return Err(unreadable("the container is not of version 2"));
+    }
+    let length =
+        word(8).filter(|&length| length <= bytes.len()).ok_or_else(|| unreadable("the file is cut off"))?;
+    let (mut json, mut blob) = (None, None);
+    let mut at = 12;
+    while at < length {
+        let (Some(size), Some(kind)) = (word(at), bytes.get(at + 4..at + 8)) else {
+            return Err(unreadable("the header of a chunk is cut off"));
+        };
+        let chunk = bytes.get(at + 8..at + 8 + size).ok_or_else(|| unreadable("a chunk is cut off"))?;
+        match kind {
+            b"JSON" => json = json.or(Some(chunk)),
+            b"BIN\0" => blob = blob.or(Some(chunk)),
+            _ => {} // to be ignored, says the specification
+        }
+        at += 8 + size;
+    }
+    Ok((json.ok_or_else(|| unreadable("it has no JSON chunk"))?, blob))
 }
 
 /// The crate's validation names JSON places; the first says enough.
@@ -62,7 +91,7 @@ struct Reader {
 }
 
 impl Reader {
-    fn new(document: &Document, blob: Option<Vec<u8>>, folder: Option<&Path>) -> Result<Self, Fault> {
+    fn new(document: &Document, blob: Option<&[u8]>, folder: Option<&Path>) -> Result<Self, Fault> {
         Ok(Self {
             buffers: Buffers::load(document, blob, folder)?,
             builder: MeshBuilder::default(),

@@ -118,7 +118,7 @@ impl<'a> Body<'a> {
         if count as f64 != length {
             return Err(Fault::at(Place::Byte(at), format!("a list of length {length}"), "repair the file"));
         }
-        let bytes = count.checked_mul(item.size()).unwrap_or(usize::MAX);
+        let bytes = count.saturating_mul(item.size());
         self.take(bytes).map_err(|_| {
             let problem = format!("a list of {count} values is longer than the file");
             Fault::at(Place::Byte(at), problem, "the file is cut off or damaged before this place")
