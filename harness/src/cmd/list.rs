@@ -2,9 +2,12 @@
 
 use super::output::{self, Format};
 use super::{Context, Outcome};
+use crate::engine::workload::Workload;
 use crate::exit::Exit;
+use crate::peers::{self, Peer};
 use crate::record::names::{Family, Precision};
 use crate::report::rows::Rows;
+use crate::shapes::{SHAPES, Shape};
 use lapsolve::registry::{Entry, OpenOptions};
 use serde::Serialize;
 
@@ -20,6 +23,31 @@ pub struct Args {
 #[derive(Debug, Serialize)]
 struct Inventory {
     backends: Vec<BackendRow>,
+    workloads: Vec<NamedRow>,
+    meshes: Vec<NamedRow>,
+    peers: Vec<PeerRow>,
+}
+
+/// A name and what it stands for.
+#[derive(Debug, Serialize)]
+struct NamedRow {
+    id: String,
+    meaning: String,
+}
+
+#[derive(Debug, Serialize)]
+struct PeerRow {
+    id: String,
+    licence: String,
+    available: bool,
+    reason: Option<String>,
+}
+
+impl PeerRow {
+    fn of(peer: &Peer) -> Self {
+        let reason = peer.command().err();
+        Self { id: peer.id.clone(), licence: peer.licence.clone(), available: reason.is_none(), reason }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -51,7 +79,17 @@ impl BackendRow {
 /// # Errors
 /// Where stdout cannot be written.
 pub fn run(args: &Args, context: &Context) -> Outcome {
-    let inventory = Inventory { backends: context.backends.iter().map(BackendRow::of).collect() };
+    let workload = |w: &Workload| NamedRow { id: w.name().to_owned(), meaning: w.meaning() };
+    let mesh = |shape: &Shape| NamedRow {
+        id: format!("{}:N", shape.kind),
+        meaning: format!("{}, N from {} to {}", shape.meaning, shape.range.start(), shape.range.end()),
+    };
+    let inventory = Inventory {
+        backends: context.backends.iter().map(BackendRow::of).collect(),
+        workloads: Workload::ALL.iter().map(workload).collect(),
+        meshes: SHAPES.iter().map(mesh).collect(),
+        peers: peers::catalogue().iter().map(PeerRow::of).collect(),
+    };
     output::print(&match args.format {
         Format::Json => serde_json::to_string_pretty(&inventory)?,
         format => inventory.rows().render(format),
@@ -61,10 +99,19 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
 
 impl Inventory {
     fn rows(&self) -> Rows {
-        let mut rows = Rows::new(["kind", "name", "family", "precision", "licence", "available"]);
+        let mut rows =
+            Rows::new(["kind", "name", "family", "precision", "licence", "available, or what it is"]);
         for b in &self.backends {
-            let available = b.reason.clone().unwrap_or_else(|| "yes".into());
-            rows.push(["backend", b.id, b.family.name(), b.precision.name(), b.licence, &available]);
+            let available = b.reason.as_deref().unwrap_or("yes");
+            rows.push(["backend", b.id, b.family.name(), b.precision.name(), b.licence, available]);
+        }
+        for peer in &self.peers {
+            rows.push(["peer", &peer.id, "", "", &peer.licence, peer.reason.as_deref().unwrap_or("yes")]);
+        }
+        for (kind, named) in [("workload", &self.workloads), ("mesh", &self.meshes)] {
+            for row in named {
+                rows.push([kind, &row.id, "", "", "", &row.meaning]);
+            }
         }
         rows
     }

@@ -179,10 +179,7 @@ impl<'a> Running<'a> {
     }
 
     fn open(&mut self) -> Result<(), Failure> {
-        let command = self
-            .solver
-            .command(self.cell.threads, self.settings.memory_limit)
-            .map_err(|error| Failure::new(Status::Error, format!("{error:#}")))?;
+        let command = self.solver.command(self.cell.threads, self.settings.memory_limit)?;
         self.session = Some(Session::start(command)?);
         let described: Described = self.ask(Request::Describe {
             protocol: VERSION,

@@ -1,9 +1,11 @@
 //! What fills the backend column: a built-in backend or a foreign program, and the command that starts its process.
 
+use super::session::Failure;
+use crate::peers;
 use crate::process;
+use crate::record::names::Status;
 use anyhow::Context;
 use lapsolve::registry::Entry;
-use std::path::PathBuf;
 use std::process::Command;
 
 /// A solver to measure.
@@ -15,24 +17,37 @@ pub enum Solver {
     Foreign(Peer),
 }
 
-/// A foreign solver: `NAME=COMMAND`, the command being a shell line.
+/// A foreign solver: one of the catalogue by its name, or any program as `NAME=COMMAND`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Peer {
     /// Its name in results.
     pub name: String,
-    /// The shell line that starts it.
-    pub command: String,
+    /// The shell line that starts it, or what is not installed.
+    pub command: Result<String, String>,
+}
+
+impl Peer {
+    /// The peer of the catalogue ([`peers`]) with that name.
+    pub fn known(name: &str) -> Option<Self> {
+        peers::find(name).map(|peer| Self { name: peer.id.clone(), command: peer.command() })
+    }
 }
 
 impl std::str::FromStr for Peer {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        match text.split_once('=') {
-            Some((name, command)) if !name.trim().is_empty() && !command.trim().is_empty() => {
-                Ok(Self { name: name.trim().to_owned(), command: command.trim().to_owned() })
+        if let Some(known) = Self::known(text) {
+            return Ok(known);
+        }
+        match text.split_once('=').map(|(name, command)| (name.trim(), command.trim())) {
+            Some((name, command)) if !name.is_empty() && !command.is_empty() => {
+                Ok(Self { name: name.to_owned(), command: Ok(command.to_owned()) })
             }
-            _ => Err("expected NAME=COMMAND, for example eigen='./eigen_peer --llt'".to_owned()),
+            _ => {
+                Err("expected a peer of `lapbench list` or NAME=COMMAND, for example mine='./solver --fast'"
+                    .into())
+            }
         }
     }
 }
@@ -61,26 +76,27 @@ impl Solver {
     /// started through this program too, which sets the cap and the tie to the parent before it becomes them.
     ///
     /// # Errors
-    /// Where the path of this program is unknown.
-    pub fn command(&self, threads: usize, memory_limit: Option<u64>) -> anyhow::Result<Command> {
-        let mut command = Command::new(this_program()?);
+    /// `unavailable` for a peer that is not installed, `error` where the path of this program is unknown.
+    pub fn command(&self, threads: usize, memory_limit: Option<u64>) -> Result<Command, Failure> {
+        let mut command = Command::new(std::env::current_exe().map_err(|error| {
+            Failure::new(Status::Error, format!("the path of this program is not known: {error}"))
+        })?);
         command.arg("peer");
         if let Some(bytes) = memory_limit {
             command.args(["--memory-limit", &bytes.to_string()]);
         }
         match self {
             Solver::BuiltIn(entry) => command.args(["--backend", entry.id]),
-            Solver::Foreign(peer) => command.args(["--exec", &peer.command]),
+            Solver::Foreign(Peer { command: Ok(line), .. }) => command.args(["--exec", line]),
+            Solver::Foreign(Peer { command: Err(missing), .. }) => {
+                return Err(Failure::new(Status::Unavailable, missing.as_str()));
+            }
         };
         for variable in THREAD_VARIABLES {
             command.env(variable, threads.to_string());
         }
         Ok(command)
     }
-}
-
-fn this_program() -> anyhow::Result<PathBuf> {
-    std::env::current_exe().context("the path of this program is not known")
 }
 
 /// Becomes the foreign program `line` (a shell line); returns only if that fails.
@@ -107,7 +123,8 @@ mod tests {
     #[test]
     fn peers_have_a_name_and_a_command() {
         let peer: Peer = "eigen=python3 x.py --a=b".parse().unwrap();
-        assert_eq!((peer.name.as_str(), peer.command.as_str()), ("eigen", "python3 x.py --a=b"));
+        assert_eq!(peer, Peer { name: "eigen".into(), command: Ok("python3 x.py --a=b".into()) });
+        assert_eq!("eigen-llt".parse::<Peer>().unwrap().name, "eigen-llt");
         assert!(
             "eigen".parse::<Peer>().is_err()
                 && "=x".parse::<Peer>().is_err()

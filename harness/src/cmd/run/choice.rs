@@ -34,20 +34,30 @@ pub fn workloads(given: &[Workload], all: bool) -> Vec<Workload> {
     }
 }
 
-/// The backends and peers given, all, or the default ones. Peers alone are measured alone.
-pub fn solvers(ids: &[String], peers: &[Peer], all: bool, context: &Context) -> Vec<Solver> {
-    let named = |id: &str| context.backend(id).copied();
-    let entries: Vec<Entry> = if !ids.is_empty() {
-        ids.iter().filter_map(|id| named(id)).collect()
+/// The backends and peers given, all that are built in, or the default ones. Peers alone are measured alone.
+///
+/// # Errors
+/// The first name that is neither a backend nor a peer of the catalogue.
+pub fn solvers(ids: &[String], peers: &[Peer], all: bool, context: &Context) -> Result<Vec<Solver>, String> {
+    let mut solvers: Vec<Solver> = if !ids.is_empty() {
+        ids.iter().map(|id| solver(id, context)).collect::<Result<_, _>>()?
     } else if all {
-        context.backends.clone()
+        context.backends.iter().copied().map(Solver::BuiltIn).collect()
     } else if peers.is_empty() {
-        let opens = |entry: &Entry| (entry.open)(&OpenOptions::default()).is_ok();
-        BACKENDS.iter().filter_map(|ids| ids.iter().filter_map(|id| named(id)).find(opens)).collect()
+        let opens = |entry: &&Entry| (entry.open)(&OpenOptions::default()).is_ok();
+        let first = |ids: &&[&str]| ids.iter().filter_map(|id| context.backend(id)).find(opens).copied();
+        BACKENDS.iter().filter_map(first).map(Solver::BuiltIn).collect()
     } else {
         Vec::new()
     };
-    entries.into_iter().map(Solver::BuiltIn).chain(peers.iter().cloned().map(Solver::Foreign)).collect()
+    solvers.extend(peers.iter().cloned().map(Solver::Foreign));
+    Ok(solvers)
+}
+
+/// The backend or peer of that name.
+fn solver(id: &str, context: &Context) -> Result<Solver, String> {
+    let built_in = context.backend(id).copied().map(Solver::BuiltIn);
+    built_in.or_else(|| Peer::known(id).map(Solver::Foreign)).ok_or_else(|| id.to_owned())
 }
 
 /// The thread counts given, or all cores.

@@ -30,11 +30,11 @@ pub struct Args {
     /// Workloads
     #[arg(long, value_name = "WORKLOAD", value_delimiter = ',', value_enum)]
     workload: Vec<Workload>,
-    /// Backends
+    /// Backends, or peers of the catalogue
     #[arg(long, value_name = "ID", value_delimiter = ',')]
     backend: Vec<String>,
-    /// A foreign solver that speaks the peer protocol, NAME=COMMAND; may be repeated
-    #[arg(long, value_name = "NAME=COMMAND")]
+    /// A foreign solver that speaks the peer protocol: of the catalogue, or any as NAME=COMMAND; may be repeated
+    #[arg(long, value_name = "ID|NAME=COMMAND")]
     peer: Vec<Peer>,
     /// Every backend and every workload
     #[arg(long)]
@@ -101,10 +101,10 @@ fn positive(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Where the result cannot be read or written or there is no place for temporary files.
 pub fn run(args: &Args, context: &Context) -> Outcome {
-    if let Some(unknown) = args.backend.iter().find(|id| context.backend(id).is_none()) {
-        return Ok(context.unknown_backend(unknown));
-    }
-    let plan = args.plan(context);
+    let plan = match args.plan(context) {
+        Ok(plan) => plan,
+        Err(unknown) => return Ok(context.unknown_backend(&unknown)),
+    };
     let mut recorder = Recorder::new(args.out.as_ref().or(args.resume.as_ref()), args.is_short())?;
     if let Some(path) = &args.resume {
         let differences = recorder.resume(record::file::read(path)?);
@@ -146,16 +146,17 @@ impl Args {
         settings
     }
 
-    fn plan(&self, context: &Context) -> Plan {
-        Plan {
+    /// The plan, or the name that is no backend.
+    fn plan(&self, context: &Context) -> Result<Plan, String> {
+        Ok(Plan {
             sources: choice::sources(&self.mesh, &self.matrix),
             workloads: choice::workloads(&self.workload, self.all),
-            solvers: choice::solvers(&self.backend, &self.peer, self.all, context),
+            solvers: choice::solvers(&self.backend, &self.peer, self.all, context)?,
             threads: choice::threads(&self.threads),
             inputs: self.inputs.clone(),
             settings: self.settings(),
             shard: self.shard,
-        }
+        })
     }
 
     fn verdict(&self, cells: &[Cell]) -> Exit {
