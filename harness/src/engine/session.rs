@@ -75,6 +75,7 @@ impl Session {
     /// # Errors
     /// `unavailable` where it cannot be started.
     pub fn start(mut command: Command) -> Result<Self, Failure> {
+        command.env("RUST_BACKTRACE", "0"); // its message fits into a row, a backtrace does not
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
@@ -253,17 +254,16 @@ fn keep_tail(mut stderr: impl Read, kept: &Mutex<Vec<u8>>) {
     }
 }
 
-/// The line of a child's stderr that says most: that of a panic, else the last one that is not empty.
+/// The line of a child's stderr that says most: where it panicked or which allocation failed, else the last one.
 fn last_words(tail: &[u8]) -> String {
     let text = String::from_utf8_lossy(tail);
-    let lines: Vec<&str> =
-        text.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with("note: ")).collect();
-    let panic = lines.iter().position(|line| line.contains("panicked at"));
-    let told = match panic {
-        Some(at) => lines[at..].iter().take(2).copied().collect::<Vec<_>>().join(" "),
-        None => lines.last().copied().unwrap_or_default().to_owned(),
-    };
-    one_line(&told)
+    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    let line_with = |words: &str| lines.iter().position(|line| line.contains(words));
+    one_line(&match (line_with("memory allocation of"), line_with("panicked at")) {
+        (Some(at), _) => lines[at].to_owned(),
+        (None, Some(at)) => lines[at..].iter().take(2).copied().collect::<Vec<_>>().join(" "),
+        (None, None) => lines.last().copied().unwrap_or_default().to_owned(),
+    })
 }
 
 /// Printable, on one line, of bounded length: text of foreign processes goes into tables and files.
