@@ -1,5 +1,6 @@
 //! lapsolve against libigl and Open3D, run now on the same meshes: every entry, every vertex.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use lapbench::mesh_io;
@@ -13,16 +14,18 @@ use lapsolve::registry::{self, OpenOptions};
 use lapsolve::sparse::SymmetricCsr;
 use tests::needs;
 
-/// Real meshes of every kind, small and large: unused vertices, boundaries, needles, several components with zero-area
-/// triangles, non-manifold edges, a folded surface of the size that the benchmarks are about.
-const REAL: [&str; 6] = [
-    "meshes/laurana_50k.ply",
-    "meshes/man_35k.ply",
-    "meshes/ogre_124k.ply",
-    "meshes/cortex_pial_lh_306k.ply",
-    "bad/heart_20k.ply",
-    "bad/human_vtk_35k.ply",
-];
+/// Every mesh of these folders of the data.
+const FOLDERS: [&str; 3] = ["meshes", "bad", "sequences"];
+
+/// The PLY files of the data folder, in order.
+fn real_meshes(data: &Path) -> Vec<PathBuf> {
+    let files = FOLDERS.iter().flat_map(|folder| fs::read_dir(data.join(folder)).expect("a folder of the data"));
+    let mut files: Vec<PathBuf> = files.map(|file| file.expect("readable folder").path()).collect();
+    files.retain(|file| file.extension().is_some_and(|extension| extension == "ply"));
+    files.sort();
+    assert!(!files.is_empty(), "no meshes in {}", data.display());
+    files
+}
 
 fn committed(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../reference/golden/meshes").join(name)
@@ -39,7 +42,12 @@ fn solver() -> (Box<dyn Backend>, f64) {
     (opened, Limits::of(entry.precision, entry.accuracy, DEFAULT_TOLERANCE).harmonic)
 }
 
+/// Prints one line per quantity, and fails where one is beyond its limit.
 fn assert_agreement(path: &Path, agreements: &[Agreement]) {
+    let name = path.file_stem().unwrap_or_default().display();
+    for Agreement { quantity, compared, worst, limit, .. } in agreements {
+        println!("{name:24} {quantity:36} {compared:8} compared, off by {worst:.1e} of {limit:.0e}");
+    }
     assert!(!agreements.is_empty() && agreements.iter().all(|agreement| agreement.compared > 0));
     let wrong: Vec<_> = agreements.iter().filter(|agreement| !agreement.holds()).collect();
     assert!(wrong.is_empty(), "{}: {wrong:#?}", path.display());
@@ -65,8 +73,8 @@ fn committed_meshes_agree_with_igl() {
 #[test]
 fn real_meshes_agree_with_igl() {
     let (Some(python), Some(data)) = (needs::reference().map(Python::at), needs::data()) else { return };
-    for name in REAL {
-        assert_agrees_with_igl(&python, &data.join(name));
+    for file in real_meshes(&data) {
+        assert_agrees_with_igl(&python, &file);
     }
 }
 
@@ -96,8 +104,7 @@ fn wrong_matrices_and_fields_disagree_with_igl() {
 #[test]
 fn open3d_reads_the_same_mesh_and_area() {
     let (Some(python), Some(data)) = (needs::reference().map(Python::at), needs::data()) else { return };
-    for name in REAL {
-        let path = data.join(name);
+    for path in real_meshes(&data) {
         let agreements = open3d::compare_reading(&python, &path, &mesh(&path));
         assert_agreement(&path, &agreements.unwrap_or_else(|error| panic!("{}: {error}", path.display())));
     }
