@@ -19,7 +19,8 @@ const FOLDERS: [&str; 3] = ["meshes", "bad", "sequences"];
 
 /// The PLY files of the data folder, in order.
 fn real_meshes(data: &Path) -> Vec<PathBuf> {
-    let files = FOLDERS.iter().flat_map(|folder| fs::read_dir(data.join(folder)).expect("a folder of the data"));
+    let files =
+        FOLDERS.iter().flat_map(|folder| fs::read_dir(data.join(folder)).expect("a folder of the data"));
     let mut files: Vec<PathBuf> = files.map(|file| file.expect("readable folder").path()).collect();
     files.retain(|file| file.extension().is_some_and(|extension| extension == "ply"));
     files.sort();
