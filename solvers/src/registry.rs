@@ -135,6 +135,9 @@ pub const BACKENDS: &[Entry] = &[
         ..DIRECT
     },
     Entry { id: "cg-jacobi", open: backends::cg::open_jacobi, ..ITERATIVE },
+    Entry { id: "cg-amg", open: backends::multigrid::open_amg, ..ITERATIVE },
+    Entry { id: "cg-multigrid", open: backends::multigrid::open_cg, ..ITERATIVE },
+    Entry { id: "multigrid", open: backends::multigrid::open, ..ITERATIVE },
     Entry { id: "sprs-cg", open: gated!("sprs", backends::sprs_cg::open), ..ITERATIVE },
 ];
 

@@ -5,6 +5,7 @@ pub mod dense;
 #[cfg(feature = "faer")]
 pub mod faer;
 pub mod framechol;
+pub mod multigrid;
 #[cfg(feature = "nalgebra")]
 pub mod nalgebra;
 #[cfg(any(feature = "nalgebra", feature = "sprs-ldl"))]

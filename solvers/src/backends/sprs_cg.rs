@@ -5,9 +5,11 @@
 
 use super::cg::handle::CgFactor;
 use super::cg::jacobi::Jacobi;
-use super::cg::operator::{Csr, FullCsr, Operator};
+use super::cg::krylov::Method;
+use super::cg::operator::{Csr, Operator};
 use crate::backend::{Backend, Description, Factor, Phase, PrepareOptions};
 use crate::error::{PrepareError, Unavailable};
+use crate::isa::Real;
 use crate::registry::OpenOptions;
 use crate::system::System;
 use sprs::CsMatI;
@@ -33,12 +35,17 @@ impl Backend for SprsCg {
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Factor>, PrepareError> {
         on(Phase::Symbolic);
-        let (starts, columns, values, source) = FullCsr::new(system.matrix()).into_parts();
+        let pattern = system.matrix().full_pattern();
         let n = system.n();
-        let matrix = SprsMatrix { matrix: CsMatI::new((n, n), starts, columns, values), source };
+        let values = pattern.source.iter().map(|&entry| system.matrix().values()[entry as usize]).collect();
+        let matrix = SprsMatrix {
+            matrix: CsMatI::new((n, n), pattern.starts, pattern.columns, values),
+            source: pattern.source,
+            rows: (0..n as u32).collect(),
+        };
         on(Phase::Numeric);
         let jacobi = Box::new(Jacobi::new(matrix.csr()));
-        Ok(Box::new(CgFactor::new(matrix, jacobi, self.tolerance, options.max_columns)))
+        Ok(Box::new(CgFactor::new(matrix, jacobi, Method::Conjugate, self.tolerance, options.max_columns)))
     }
 }
 
@@ -46,6 +53,8 @@ impl Backend for SprsCg {
 struct SprsMatrix {
     matrix: CsMatI<f64, u32, u32>,
     source: Vec<u32>,
+    /// The identity: rows stay where they are.
+    rows: Vec<u32>,
 }
 
 impl Operator for SprsMatrix {
@@ -57,20 +66,20 @@ impl Operator for SprsMatrix {
         }
     }
 
-    fn multiply<const W: usize>(&self, x: &[[f64; W]], y: &mut [[f64; W]]) -> [f64; W] {
-        let mut dot = [0.0; W];
-        for ((row, y), own) in self.matrix.outer_iterator().zip(y).zip(x) {
-            *y = [0.0; W];
+    fn rows(&self) -> &[u32] {
+        &self.rows
+    }
+
+    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], mut sink: impl FnMut(usize, [f64; W])) {
+        for (i, row) in self.matrix.outer_iterator().enumerate() {
+            let mut sum = [0.0; W];
             for (j, &a) in row.iter() {
                 for c in 0..W {
-                    y[c] += a * x[j as usize][c];
+                    sum[c] += a * x[j as usize][c].to_f64();
                 }
             }
-            for c in 0..W {
-                dot[c] += own[c] * y[c];
-            }
+            sink(i, sum);
         }
-        dot
     }
 
     fn update(&mut self, stored: &[f64]) {
@@ -80,6 +89,6 @@ impl Operator for SprsMatrix {
     }
 
     fn bytes(&self) -> usize {
-        self.matrix.indptr().len() * 4 + self.matrix.nnz() * 16
+        self.matrix.indptr().len() * 4 + self.rows.len() * 4 + self.matrix.nnz() * 16
     }
 }

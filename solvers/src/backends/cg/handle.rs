@@ -1,6 +1,6 @@
 //! The prepared handle of every backend of the family.
 
-use super::krylov::{self, Goal, Vectors};
+use super::krylov::{self, Goal, Method, Stored, Vectors};
 use super::lanes::{Window, width};
 use super::operator::Operator;
 use super::preconditioner::{AnyPreconditioner, Preconditioner};
@@ -9,23 +9,27 @@ use crate::columns::Columns;
 use crate::error::{PrepareError, SolveError};
 
 /// Matrix, preconditioner and workspace.
-pub(crate) struct CgFactor<A> {
+pub(crate) struct CgFactor<A, S> {
     matrix: A,
-    preconditioner: Box<dyn AnyPreconditioner>,
+    preconditioner: Box<dyn AnyPreconditioner<S>>,
+    method: Method,
     tolerance: f64,
-    workspace: [Vec<f64>; 5],
+    x: Vec<f64>,
+    workspace: [Vec<S>; 4],
 }
 
-impl<A: Operator> CgFactor<A> {
+impl<A: Operator, S: Stored> CgFactor<A, S> {
     /// Room for solves of `max_columns` columns (wider blocks go eight at a time).
     pub(crate) fn new(
         matrix: A,
-        preconditioner: Box<dyn AnyPreconditioner>,
+        preconditioner: Box<dyn AnyPreconditioner<S>>,
+        method: Method,
         tolerance: f64,
         max_columns: usize,
     ) -> Self {
         let length = matrix.csr().n() * width(max_columns);
-        Self { matrix, preconditioner, tolerance, workspace: std::array::from_fn(|_| vec![0.0; length]) }
+        let workspace = std::array::from_fn(|_| vec![S::default(); length]);
+        Self { matrix, preconditioner, method, tolerance, x: vec![0.0; length], workspace }
     }
 
     /// Columns `first ..` as far as W lanes go.
@@ -34,30 +38,24 @@ impl<A: Operator> CgFactor<A> {
         rhs: Columns<&[f64]>,
         x: Columns<&mut [f64]>,
         first: usize,
-        preconditioner: fn(&mut dyn AnyPreconditioner) -> &mut dyn Preconditioner<W>,
+        preconditioner: fn(&mut dyn AnyPreconditioner<S>) -> &mut dyn Preconditioner<S, W>,
     ) -> Result<Solved, SolveError> {
         let n = rhs.n();
         let window = Window::<W>::new(rhs, first).map_err(|row| SolveError::NonFinite { row })?;
-        let [x_work, r, z, p, q] = self.workspace.each_mut().map(|v| v[..n * W].as_chunks_mut::<W>().0);
-        let goal = Goal {
-            tolerance: self.tolerance,
-            budget: self.preconditioner.budget(),
-            flexible: self.preconditioner.is_inexact(),
-        };
-        let vectors = Vectors { x: x_work, r, z, p, q };
+        let [r, z, p, q] = self.workspace.each_mut().map(|v| v[..n * W].as_chunks_mut::<W>().0);
+        let goal =
+            Goal { method: self.method, tolerance: self.tolerance, budget: self.preconditioner.budget() };
+        let vectors = Vectors { x: self.x[..n * W].as_chunks_mut::<W>().0, r, z, p, q };
         let m = preconditioner(&mut *self.preconditioner);
         krylov::solve(&self.matrix, m, goal, window, rhs, x, vectors, &mut |_, _| {})
     }
 }
 
-impl<A: Operator> Factor for CgFactor<A> {
+impl<A: Operator, S: Stored> Factor for CgFactor<A, S> {
     fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
         let (n, k) = (self.matrix.csr().n(), rhs.k());
         assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
-        assert!(
-            n * width(k) <= self.workspace[0].len(),
-            "rhs: more columns than the handle was prepared for"
-        );
+        assert!(n * width(k) <= self.x.len(), "rhs: more columns than the handle was prepared for");
         let mut whole = Whole::default();
         let mut first = 0;
         while first < k {
@@ -76,12 +74,14 @@ impl<A: Operator> Factor for CgFactor<A> {
     fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
         on(Phase::Numeric);
         self.matrix.update(values);
-        self.preconditioner.update(self.matrix.csr())
+        self.preconditioner
+            .update(self.matrix.csr())
+            .map_err(|error| super::in_system(error, self.matrix.rows()))
     }
 
     fn footprint(&self) -> Footprint {
         let (matrix, m) = (self.matrix.bytes() as u64, self.preconditioner.size());
-        let vectors: usize = self.workspace.iter().map(|v| 8 * v.len()).sum();
+        let vectors = self.x.len() * (8 + self.workspace.len() * size_of::<S>());
         Footprint {
             host_bytes: Some(matrix + m.bytes + vectors as u64),
             factor_nonzeros: Some(m.entries),

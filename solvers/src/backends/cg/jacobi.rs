@@ -16,12 +16,12 @@ pub(crate) struct Jacobi {
 impl Jacobi {
     /// Reads the diagonal of `matrix`, which is positive in every system.
     pub(crate) fn new(matrix: Csr<'_>) -> Self {
-        Self { inverse: (0..matrix.n()).map(|i| 1.0 / matrix.diagonal(i)).collect() }
+        Self { inverse: matrix.diagonal().into_iter().map(|d| 1.0 / d).collect() }
     }
 }
 
-impl<const W: usize> Preconditioner<W> for Jacobi {
-    fn apply(&mut self, r: &[[f64; W]], z: &mut [[f64; W]]) {
+impl<const W: usize> Preconditioner<f64, W> for Jacobi {
+    fn apply(&mut self, r: &mut [[f64; W]], z: &mut [[f64; W]]) {
         for ((z, r), &d) in z.iter_mut().zip(r).zip(&self.inverse) {
             for c in 0..W {
                 z[c] = d * r[c];
@@ -30,11 +30,9 @@ impl<const W: usize> Preconditioner<W> for Jacobi {
     }
 }
 
-impl AnyPreconditioner for Jacobi {
+impl AnyPreconditioner<f64> for Jacobi {
     fn update(&mut self, matrix: Csr<'_>) -> Result<(), PrepareError> {
-        for (i, inverse) in self.inverse.iter_mut().enumerate() {
-            *inverse = 1.0 / matrix.diagonal(i);
-        }
+        *self = Self::new(matrix);
         Ok(())
     }
 

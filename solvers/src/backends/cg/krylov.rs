@@ -1,12 +1,14 @@
 //! Preconditioned conjugate gradients on a block of columns (Hestenes and Stiefel 1952; Saad 2003, algorithm 9.1).
 //!
-//! Every lane is its own CG with its own scalars; lanes share the passes over the matrix and stop one by one. Per
-//! iteration and row of W lanes the core itself moves: q = A p (reads A and p, writes q), x and r updated (4 reads, 2
-//! writes), the dot products (2 or 3 reads), p updated (2 reads, 1 write): 12 rows of 8 W bytes besides A and M.
+//! Every lane is its own CG with its own scalars; lanes share the passes over the matrix and stop one by one. x is kept in
+//! f64, the other vectors in S: f64, or f32 where the preconditioner is in f32 as well. Sums are always in f64. Per iteration
+//! and row of W lanes the core moves, besides A and M: q = A p (reads p, writes q), r (reads r and q, writes r), the dot
+//! products (read r, z, q), x and p (read x, p and z, write x and p): 11 rows of S and 2 of f64.
 //!
-//! The recurrence for r drifts away from b - A x, so the true residual is computed before success is claimed; if it is
-//! too large the iteration starts again from it. The best iterate survives in the caller's x: when a residual rises
-//! after a minimum, the iterate before the step, x - alpha p, is written there.
+//! The recurrence for r drifts away from b - A x, in f32 soon. So an iteration carries the residual down by the factor
+//! that its precision allows ([`Stored::TRUST`]); then the true residual is computed in f64 and, if it is too large, the
+//! iteration starts again from it (van der Vorst and Ye 2000). Success is claimed from the true residual only. The
+//! best iterate survives in the caller's x: when a residual rises after a minimum, the iterate before is written there.
 
 use super::lanes::Window;
 use super::operator::Operator;
@@ -14,6 +16,7 @@ use super::preconditioner::{Budget, Preconditioner};
 use crate::backend::Solved;
 use crate::columns::Columns;
 use crate::error::SolveError;
+use crate::isa::Real;
 
 /// The true residual may exceed the tolerance by this factor: half of what the limits leave to iterative backends
 /// (1.1), because theirs is measured with compensated sums and ours is not.
@@ -23,29 +26,58 @@ const RESTART_GAIN: f64 = 0.5;
 /// An iterate counts as better, and as progress, where its residual is below nine tenths of the smallest before.
 const PROGRESS: f64 = 0.9;
 
+/// Precision of the vectors of an iteration.
+pub(crate) trait Stored: Real {
+    /// Reduction of the residual over which its recurrence is believed.
+    const TRUST: f64;
+    /// Whether M^-1 is rounded so coarsely that it is unsymmetric to CG: one more dot product per iteration (the formula
+    /// of Polak and Ribiere, see Golub and Ye 1999) then keeps it converging.
+    const FLEXIBLE: bool;
+}
+
+impl Stored for f64 {
+    const TRUST: f64 = 0.0; // to the tolerance, whatever it is
+    const FLEXIBLE: bool = false;
+}
+
+impl Stored for f32 {
+    /// Three digits above the unit roundoff 6e-8: drift stays below a thousandth of the residual.
+    const TRUST: f64 = 1e-4;
+    const FLEXIBLE: bool = true;
+}
+
 /// The vectors of a solve, n rows each.
-pub(crate) struct Vectors<'a, const W: usize> {
+pub(crate) struct Vectors<'a, S, const W: usize> {
     /// Iterate.
     pub(crate) x: &'a mut [[f64; W]],
     /// Residual.
-    pub(crate) r: &'a mut [[f64; W]],
+    pub(crate) r: &'a mut [[S; W]],
     /// Preconditioned residual.
-    pub(crate) z: &'a mut [[f64; W]],
+    pub(crate) z: &'a mut [[S; W]],
     /// Search direction.
-    pub(crate) p: &'a mut [[f64; W]],
+    pub(crate) p: &'a mut [[S; W]],
     /// A p.
-    pub(crate) q: &'a mut [[f64; W]],
+    pub(crate) q: &'a mut [[S; W]],
 }
 
-/// What to reach, and when to give up.
+/// What the preconditioner is used for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Method {
+    /// Conjugate gradients.
+    Conjugate,
+    /// x += M^-1 (b - A x): steps of length 1 along M^-1 r, which shows what M does alone.
+    Stationary,
+}
+
+/// What to reach, how, and when to give up.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Goal {
+    /// How to iterate.
+    pub(crate) method: Method,
     /// Relative residual to reach.
     pub(crate) tolerance: f64,
     /// Limits on the iterations.
     pub(crate) budget: Budget,
-    /// Whether the preconditioner needs the flexible formula.
-    pub(crate) flexible: bool,
 }
 
 /// State of one lane.
@@ -53,54 +85,50 @@ pub(crate) struct Goal {
 enum Lane {
     /// Iterating.
     Active,
-    /// At its tolerance, or without a right-hand side.
-    Done,
+    /// As far down as this run of the recurrence shall go, or without a right-hand side.
+    Resting,
     /// p . A p <= 0 or a number overflowed: not positive definite, as far as rounding lets one see.
     Broken,
 }
 
 /// Solves A X = B for the columns of `window`; `x` holds the guess, then the solution or the best iterate.
 /// `observe` hears the iteration and the largest relative residual by recurrence.
-pub(crate) fn solve<A: Operator, const W: usize>(
+pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
     a: &A,
-    m: &mut dyn Preconditioner<W>,
+    m: &mut dyn Preconditioner<S, W>,
     goal: Goal,
     window: Window<W>,
     b: Columns<&[f64]>,
     x: Columns<&mut [f64]>,
-    vectors: Vectors<'_, W>,
+    vectors: Vectors<'_, S, W>,
     observe: &mut dyn FnMut(u32, f64),
 ) -> Result<Solved, SolveError> {
     let mut run = Run::new(a, m, goal, window, b, x, vectors);
     run.guess();
-    let mut before = run.rr;
     loop {
+        let before = run.rr;
         run.iterate(observe);
-        run.true_residual();
-        let reached = (0..W).all(|c| run.reached(c, ACCEPTED));
-        let hopeless = run.exhausted()
-            || (0..W).any(|c| {
-                !run.reached(c, ACCEPTED)
-                    && (run.lane[c] == Lane::Broken
-                        || run.rr[c].is_nan()
-                        || run.rr[c] > RESTART_GAIN * RESTART_GAIN * before[c])
-            });
+        run.rr = run.true_residual();
+        let missing = |c: usize| !run.reached(c, ACCEPTED);
+        let stuck = |c: usize| !(run.rr[c] <= RESTART_GAIN * RESTART_GAIN * before[c]);
+        let reached = !(0..W).any(missing);
+        let hopeless =
+            run.exhausted() || (0..W).any(|c| missing(c) && (run.lane[c] == Lane::Broken || stuck(c)));
         if reached || hopeless {
             return run.finish(reached);
         }
-        before = run.rr;
-        run.lane = std::array::from_fn(|c| if run.reached(c, ACCEPTED) { Lane::Done } else { Lane::Active });
+        run.lane = std::array::from_fn(|c| if missing(c) { Lane::Active } else { Lane::Resting });
     }
 }
 
-struct Run<'a, A, const W: usize> {
+struct Run<'a, A, S, const W: usize> {
     a: &'a A,
-    m: &'a mut dyn Preconditioner<W>,
+    m: &'a mut dyn Preconditioner<S, W>,
     goal: Goal,
     window: Window<W>,
     b: Columns<&'a [f64]>,
     out: Columns<&'a mut [f64]>,
-    v: Vectors<'a, W>,
+    v: Vectors<'a, S, W>,
     lane: [Lane; W],
     /// ||b||^2, ||r||^2 and the smallest ||r||^2 seen, per lane.
     bb: [f64; W],
@@ -113,17 +141,17 @@ struct Run<'a, A, const W: usize> {
     progress: u32,
 }
 
-impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
+impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
     fn new(
         a: &'a A,
-        m: &'a mut dyn Preconditioner<W>,
+        m: &'a mut dyn Preconditioner<S, W>,
         goal: Goal,
         window: Window<W>,
         b: Columns<&'a [f64]>,
         out: Columns<&'a mut [f64]>,
-        v: Vectors<'a, W>,
+        v: Vectors<'a, S, W>,
     ) -> Self {
-        let lane = std::array::from_fn(|c| if window.is_used(c) { Lane::Active } else { Lane::Done });
+        let lane = std::array::from_fn(|c| if window.is_used(c) { Lane::Active } else { Lane::Resting });
         let (bb, rr, best) = ([0.0; W], [0.0; W], [f64::INFINITY; W]);
         Self {
             a,
@@ -143,13 +171,19 @@ impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
         }
     }
 
+    /// Row i of b in the numbering of the iteration, scaled.
+    fn b(&self, i: usize) -> [f64; W] {
+        self.window.read(self.b, self.a.rows()[i] as usize)
+    }
+
     /// Loads b and the guess; a guess worse than x = 0 is dropped. One product with A unless the guess is zero.
     fn guess(&mut self) {
         let mut is_zero = true;
-        for i in 0..self.b.n() {
-            let (b, x) = (self.window.read(self.b, i), self.window.read(self.out.view(), i));
+        for i in 0..self.v.x.len() {
+            let b = self.b(i);
+            let x = self.window.read(self.out.view(), self.a.rows()[i] as usize);
             is_zero &= x.iter().all(|&x| x == 0.0);
-            (self.v.r[i], self.v.x[i]) = (b, x);
+            (self.v.r[i], self.v.x[i]) = (b.map(S::from_f64), x);
             for c in 0..W {
                 self.bb[c] += b[c] * b[c];
             }
@@ -158,35 +192,31 @@ impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
         if is_zero {
             return;
         }
-        self.a.multiply(self.v.x, self.v.q);
-        let rr = self.residual_from_product();
+        let rr = self.true_residual();
         let keep: [bool; W] = std::array::from_fn(|c| rr[c] <= self.bb[c]); // false for NaN as well
-        for (i, (x, r)) in self.v.x.iter_mut().zip(self.v.r.iter_mut()).enumerate() {
-            let b = self.window.read(self.b, i);
-            for c in 0..W {
-                (x[c], r[c]) = if keep[c] { (x[c], r[c]) } else { (0.0, b[c]) };
+        for i in 0..self.v.x.len() {
+            let b = self.b(i);
+            for c in (0..W).filter(|&c| !keep[c]) {
+                (self.v.x[i][c], self.v.r[i][c]) = (0.0, S::from_f64(b[c]));
             }
         }
         self.rr = std::array::from_fn(|c| if keep[c] { rr[c] } else { self.bb[c] });
-        self.lane = std::array::from_fn(|c| if self.reached(c, 1.0) { Lane::Done } else { Lane::Active });
+        self.lane = std::array::from_fn(|c| if self.reached(c, 1.0) { Lane::Resting } else { Lane::Active });
     }
 
-    /// r = b - q, and ||r||^2.
-    fn residual_from_product(&mut self) -> [f64; W] {
+    /// r = b - A x in f64, rounded once; returns ||r||^2.
+    fn true_residual(&mut self) -> [f64; W] {
         let mut rr = [0.0; W];
-        for (i, (r, q)) in self.v.r.iter_mut().zip(self.v.q.iter()).enumerate() {
-            let b = self.window.read(self.b, i);
+        let (window, b, rows, r) = (&self.window, self.b, self.a.rows(), &mut *self.v.r);
+        self.a.product(self.v.x, |i, ax| {
+            let b = window.read(b, rows[i] as usize);
             for c in 0..W {
-                r[c] = b[c] - q[c];
-                rr[c] += r[c] * r[c];
+                let residual = b[c] - ax[c];
+                r[i][c] = S::from_f64(residual);
+                rr[c] += residual * residual;
             }
-        }
+        });
         rr
-    }
-
-    fn true_residual(&mut self) {
-        self.a.multiply(self.v.x, self.v.q);
-        self.rr = self.residual_from_product();
     }
 
     fn reached(&self, c: usize, slack: f64) -> bool {
@@ -203,47 +233,60 @@ impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
         self.lane.contains(&Lane::Active)
     }
 
-    /// CG from the current x and r until no lane is active or the budget is spent.
+    /// CG from the current x and r, as far as the recurrence is trusted or the budget lasts.
     fn iterate(&mut self, observe: &mut dyn FnMut(u32, f64)) {
         if !self.any_active() {
             return;
         }
+        let enough = self.rr.map(|rr| S::TRUST * S::TRUST * rr);
         self.m.apply(self.v.r, self.v.z);
         self.v.p.copy_from_slice(self.v.z);
-        let mut rz = dot(self.v.r, self.v.z);
+        let (mut rz, _) = dots(self.v.r, self.v.q, self.v.z);
         while self.any_active() && !self.exhausted() {
-            let pq = self.a.multiply(self.v.p, self.v.q);
+            let pq = self.multiply();
             let alpha = self.step_lengths(&rz, &pq);
-            self.rr = step(&alpha, self.v.p, self.v.q, self.v.x, self.v.r);
+            self.rr = step(&alpha, self.v.q, self.v.r);
             self.iterations += 1;
-            self.keep_best(&alpha);
+            self.keep_best();
             observe(self.iterations, self.worst());
-            self.stop_lanes();
-            if !self.any_active() {
-                return;
+            self.rest(&enough);
+            if self.any_active() {
+                self.m.apply(self.v.r, self.v.z);
             }
-            self.m.apply(self.v.r, self.v.z);
-            let new = dot(self.v.r, self.v.z);
-            let beta = if self.goal.flexible {
-                // z . (r - r_old) / rz, with r - r_old = -alpha q and alpha = rz / pq.
-                let qz = dot(self.v.q, self.v.z);
-                std::array::from_fn(|c| if self.lane[c] == Lane::Active { -qz[c] / pq[c] } else { 0.0 })
-            } else {
-                std::array::from_fn(|c| if self.lane[c] == Lane::Active { new[c] / rz[c] } else { 0.0 })
+            let (new, qz) = dots(self.v.r, self.v.q, self.v.z);
+            // Flexible: z . (r - r_old) / rz, with r - r_old = -alpha q and alpha = rz / pq.
+            let ratio = |c: usize| match self.goal.method {
+                Method::Stationary => 0.0,
+                Method::Conjugate if S::FLEXIBLE => -qz[c] / pq[c],
+                Method::Conjugate => new[c] / rz[c],
             };
+            let beta = std::array::from_fn(|c| if self.lane[c] == Lane::Active { ratio(c) } else { 0.0 });
+            advance(&alpha, &beta, self.v.z, self.v.p, self.v.x);
             rz = new;
-            advance(&beta, self.v.z, self.v.p);
         }
     }
 
-    /// alpha = r.z / p.Ap, 0 for lanes at rest. Lanes where A or M turns out not to be positive definite break here.
+    /// q = A p; returns p . q.
+    fn multiply(&mut self) -> [f64; W] {
+        let (p, q) = (&*self.v.p, &mut *self.v.q);
+        let mut pq = [0.0; W];
+        self.a.product(p, |i, row| {
+            q[i] = row.map(S::from_f64);
+            for c in 0..W {
+                pq[c] += p[i][c].to_f64() * row[c];
+            }
+        });
+        pq
+    }
+
+    /// alpha = r.z / p.Ap (1 where stationary), 0 for lanes at rest. Lanes where A or M turns out not to be positive definite break here.
     fn step_lengths(&mut self, rz: &[f64; W], pq: &[f64; W]) -> [f64; W] {
         let mut alpha = [0.0; W];
         for c in 0..W {
             if self.lane[c] != Lane::Active {
                 continue;
             }
-            let length = rz[c] / pq[c];
+            let length = if self.goal.method == Method::Stationary { 1.0 } else { rz[c] / pq[c] };
             if pq[c] > 0.0 && rz[c] > 0.0 && length.is_finite() {
                 alpha[c] = length;
             } else {
@@ -253,31 +296,32 @@ impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
         alpha
     }
 
-    /// Notes progress; where a residual rises after the best iterate, writes that iterate to the caller's x.
-    fn keep_best(&mut self, alpha: &[f64; W]) {
+    /// Notes progress. Where a residual rises after the best iterate, that iterate goes to the caller's x: it is still in
+    /// x here, because x follows r by one step.
+    fn keep_best(&mut self) {
         let mut rescue = [false; W];
         for c in 0..W {
             if self.rr[c] < PROGRESS * PROGRESS * self.best[c] {
                 (self.best[c], self.saved[c]) = (self.rr[c], false);
                 self.progress = self.iterations;
-            } else if !self.saved[c] && alpha[c] != 0.0 {
+            } else if !self.saved[c] && self.lane[c] == Lane::Active {
                 (rescue[c], self.saved[c]) = (true, true);
             }
         }
         if rescue.contains(&true) {
-            for i in 0..self.v.x.len() {
-                let (x, p) = (&self.v.x[i], &self.v.p[i]);
-                let previous = std::array::from_fn(|c| x[c] - alpha[c] * p[c]);
-                self.window.write(&mut self.out, i, &rescue, &previous);
-            }
+            self.write(&rescue);
         }
     }
 
-    fn stop_lanes(&mut self) {
+    /// Lanes that have come far enough rest.
+    fn rest(&mut self, enough: &[f64; W]) {
         for c in 0..W {
-            if self.lane[c] == Lane::Active && self.reached(c, 1.0) {
-                self.lane[c] = Lane::Done;
-            } else if self.lane[c] == Lane::Active && !self.rr[c].is_finite() {
+            if self.lane[c] != Lane::Active {
+                continue;
+            }
+            if self.reached(c, 1.0) || self.rr[c] <= enough[c] {
+                self.lane[c] = Lane::Resting;
+            } else if !self.rr[c].is_finite() {
                 self.lane[c] = Lane::Broken;
             }
         }
@@ -291,12 +335,17 @@ impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
             .fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a })
     }
 
+    /// Writes the columns of `mask` to the caller's x.
+    fn write(&mut self, mask: &[bool; W]) {
+        for (x, &row) in self.v.x.iter().zip(self.a.rows()) {
+            self.window.write(&mut self.out, row as usize, mask, x);
+        }
+    }
+
     /// Writes the solution. Where the goal was missed, a lane whose saved iterate has the smaller residual keeps that.
     fn finish(mut self, reached: bool) -> Result<Solved, SolveError> {
         let current = std::array::from_fn(|c| reached || !self.saved[c] || self.rr[c] <= self.best[c]);
-        for (i, x) in self.v.x.iter().enumerate() {
-            self.window.write(&mut self.out, i, &current, x);
-        }
+        self.write(&current);
         for c in 0..W {
             self.rr[c] = if current[c] { self.rr[c] } else { self.best[c] };
         }
@@ -309,41 +358,44 @@ impl<'a, A: Operator, const W: usize> Run<'a, A, W> {
     }
 }
 
-/// x += alpha p, r -= alpha q; returns ||r||^2.
-fn step<const W: usize>(
-    alpha: &[f64; W],
-    p: &[[f64; W]],
-    q: &[[f64; W]],
-    x: &mut [[f64; W]],
-    r: &mut [[f64; W]],
-) -> [f64; W] {
+/// r -= alpha q; returns ||r||^2.
+fn step<S: Real, const W: usize>(alpha: &[f64; W], q: &[[S; W]], r: &mut [[S; W]]) -> [f64; W] {
     let mut rr = [0.0; W];
-    for (((x, r), p), q) in x.iter_mut().zip(r).zip(p).zip(q) {
+    for (r, q) in r.iter_mut().zip(q) {
         for c in 0..W {
-            x[c] += alpha[c] * p[c];
-            r[c] -= alpha[c] * q[c];
-            rr[c] += r[c] * r[c];
+            let value = r[c].to_f64() - alpha[c] * q[c].to_f64();
+            r[c] = S::from_f64(value);
+            rr[c] += value * value;
         }
     }
     rr
 }
 
-/// p = z + beta p.
-fn advance<const W: usize>(beta: &[f64; W], z: &[[f64; W]], p: &mut [[f64; W]]) {
-    for (p, z) in p.iter_mut().zip(z) {
+/// x += alpha p, then p = z + beta p.
+fn advance<S: Real, const W: usize>(
+    alpha: &[f64; W],
+    beta: &[f64; W],
+    z: &[[S; W]],
+    p: &mut [[S; W]],
+    x: &mut [[f64; W]],
+) {
+    for ((p, z), x) in p.iter_mut().zip(z).zip(x) {
         for c in 0..W {
-            p[c] = z[c] + beta[c] * p[c];
+            let old = p[c].to_f64();
+            x[c] += alpha[c] * old;
+            p[c] = S::from_f64(z[c].to_f64() + beta[c] * old);
         }
     }
 }
 
-/// a . b for every lane.
-fn dot<const W: usize>(a: &[[f64; W]], b: &[[f64; W]]) -> [f64; W] {
-    let mut sum = [0.0; W];
-    for (a, b) in a.iter().zip(b) {
+/// r . z and q . z for every lane.
+fn dots<S: Real, const W: usize>(r: &[[S; W]], q: &[[S; W]], z: &[[S; W]]) -> ([f64; W], [f64; W]) {
+    let (mut rz, mut qz) = ([0.0; W], [0.0; W]);
+    for ((r, q), z) in r.iter().zip(q).zip(z) {
         for c in 0..W {
-            sum[c] += a[c] * b[c];
+            rz[c] += r[c].to_f64() * z[c].to_f64();
+            qz[c] += q[c].to_f64() * z[c].to_f64();
         }
     }
-    sum
+    (rz, qz)
 }

@@ -33,11 +33,6 @@ impl<const W: usize> Window<W> {
         Ok(window)
     }
 
-    /// Columns in the window.
-    pub(crate) fn count(&self) -> usize {
-        self.count
-    }
-
     /// True where lane `c` has a right-hand side other than zero.
     pub(crate) fn is_used(&self, c: usize) -> bool {
         self.scale[c] != 0.0
@@ -110,7 +105,7 @@ mod tests {
         let b: Vec<f64> = (1..=10).map(f64::from).collect();
         let rhs = Columns::new(&b[..], 2, 5);
         let window = Window::<4>::new(rhs, 4).expect("finite");
-        assert_eq!((window.count(), window.read(rhs, 1)), (1, [1.25, 0.0, 0.0, 0.0])); // 10 / 2^3
+        assert_eq!((window.count, window.read(rhs, 1)), (1, [1.25, 0.0, 0.0, 0.0])); // 10 / 2^3
         let mut x = vec![7.0; 10];
         window.write(&mut Columns::new(&mut x[..], 2, 5), 0, &[true; 4], &[0.5; 4]);
         assert_eq!(x, [7.0, 7.0, 7.0, 7.0, 4.0, 7.0, 7.0, 7.0, 7.0, 7.0]);

@@ -17,7 +17,10 @@ pub(crate) mod jacobi;
 pub(crate) mod krylov;
 pub(crate) mod lanes;
 pub(crate) mod operator;
+pub(crate) mod order;
 pub(crate) mod preconditioner;
+#[cfg(test)]
+pub(crate) mod test_systems;
 #[cfg(test)]
 mod tests;
 
@@ -25,28 +28,38 @@ use crate::backend::{Backend, Description, Factor, Phase, PrepareOptions};
 use crate::error::{PrepareError, Unavailable};
 use crate::registry::OpenOptions;
 use crate::system::System;
+use crate::vector::Vector;
 use handle::CgFactor;
-use operator::{FullCsr, Operator};
+use krylov::{Method, Stored};
+use operator::{Csr, FullCsr, Operator};
 use preconditioner::AnyPreconditioner;
 
-/// Builds a preconditioner for a system whose matrix is also given by full rows.
-type Build = fn(&System, &FullCsr) -> Result<Box<dyn AnyPreconditioner>, PrepareError>;
+/// Builds a preconditioner from the matrix and, where the system has them, one point per row of it.
+type Build<S> =
+    fn(Csr<'_>, Option<&[Vector]>, width: usize) -> Result<Box<dyn AnyPreconditioner<S>>, PrepareError>;
 
-/// CG with one of the preconditioners.
-struct Cg {
+/// A method with a preconditioner in precision S.
+struct Iterative<S> {
+    method: Method,
     tolerance: f64,
-    build: Build,
+    build: Build<S>,
 }
 
 /// Opens `cg-jacobi`.
 pub fn open_jacobi(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(Cg {
-        tolerance: options.tolerance,
-        build: |_, a| Ok(Box::new(jacobi::Jacobi::new(a.csr()))),
-    }))
+    open(options, Method::Conjugate, |a, _, _| Ok(Box::new(jacobi::Jacobi::new(a))))
 }
 
-impl Backend for Cg {
+/// Opens a backend of the family.
+pub(crate) fn open<S: Stored>(
+    options: &OpenOptions<'_>,
+    method: Method,
+    build: Build<S>,
+) -> Result<Box<dyn Backend>, Unavailable> {
+    Ok(Box::new(Iterative { method, tolerance: options.tolerance, build }))
+}
+
+impl<S: Stored> Backend for Iterative<S> {
     fn describe(&self) -> Description {
         Description::cpu(1)
     }
@@ -57,10 +70,24 @@ impl Backend for Cg {
         options: &PrepareOptions<'_>,
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Factor>, PrepareError> {
-        on(Phase::Symbolic);
+        on(Phase::Order);
         let matrix = FullCsr::new(system.matrix());
+        let row = |&row: &u32| system.positions().map(|points| points[row as usize]);
+        let points: Option<Vec<Vector>> = matrix.rows().iter().map(row).collect();
         on(Phase::Numeric);
-        let preconditioner = (self.build)(system, &matrix)?;
-        Ok(Box::new(CgFactor::new(matrix, preconditioner, self.tolerance, options.max_columns)))
+        let preconditioner = (self.build)(matrix.csr(), points.as_deref(), lanes::width(options.max_columns))
+            .map_err(|error| in_system(error, matrix.rows()))?;
+        Ok(Box::new(CgFactor::new(matrix, preconditioner, self.method, self.tolerance, options.max_columns)))
+    }
+}
+
+/// The error with its row in the numbering of the system.
+pub(crate) fn in_system(error: PrepareError, rows: &[u32]) -> PrepareError {
+    match error {
+        PrepareError::NotPositiveDefinite { row } => {
+            PrepareError::NotPositiveDefinite { row: rows[row] as usize }
+        }
+        PrepareError::NonFinite { row } => PrepareError::NonFinite { row: rows[row] as usize },
+        other => other,
     }
 }

@@ -1,14 +1,19 @@
 //! Sparse matrices by full rows, and their product with rows of W lanes.
 
+use super::order;
+use crate::isa::Real;
 use crate::sparse::SymmetricCsr;
 
 /// What the Krylov core needs of a matrix.
 pub(crate) trait Operator: Send {
-    /// The stored arrays.
+    /// The stored arrays, in the numbering of the iteration.
     fn csr(&self) -> Csr<'_>;
 
-    /// y = A x; returns x . y for every lane.
-    fn multiply<const W: usize>(&self, x: &[[f64; W]], y: &mut [[f64; W]]) -> [f64; W];
+    /// Row of the system behind each row of the iteration.
+    fn rows(&self) -> &[u32];
+
+    /// Computes A x and hands row i to `sink(i, (A x)_i)`, rows in ascending order, sums in f64.
+    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], sink: impl FnMut(usize, [f64; W]));
 
     /// Takes new values in the order of the prepared system's stored (upper) entries.
     fn update(&mut self, stored: &[f64]);
@@ -41,41 +46,51 @@ impl<'a> Csr<'a> {
         (&self.columns[range.clone()], &self.values[range])
     }
 
-    /// The diagonal entry of row `i`, which every system has.
-    pub(crate) fn diagonal(&self, i: usize) -> f64 {
-        let (columns, values) = self.row(i);
-        let at = columns.binary_search(&(i as u32)).expect("every row stores its diagonal");
-        values[at]
+    /// The diagonal, which every system stores.
+    pub(crate) fn diagonal(&self) -> Vec<f64> {
+        let entry = |i: usize| {
+            let (columns, values) = self.row(i);
+            values[columns.binary_search(&(i as u32)).expect("every row stores its diagonal")]
+        };
+        (0..self.n()).map(entry).collect()
     }
 }
 
-/// Both triangles in f64: 12 bytes per entry.
+/// Both triangles in f64, 12 bytes per entry, rows renumbered so that neighbours lie close together.
 pub(crate) struct FullCsr {
     starts: Vec<u32>,
     columns: Vec<u32>,
     values: Vec<f64>,
     /// Stored entry of the system behind each entry.
     source: Vec<u32>,
+    rows: Vec<u32>,
 }
 
 impl FullCsr {
-    /// Mirrors the stored triangle of `matrix`.
+    /// Mirrors the stored triangle of `matrix`, rows in breadth-first order.
     pub(crate) fn new(matrix: &SymmetricCsr) -> Self {
         let pattern = matrix.full_pattern();
-        let mut full = Self {
-            values: vec![0.0; pattern.columns.len()],
-            starts: pattern.starts,
-            columns: pattern.columns,
-            source: pattern.source,
-        };
+        let rows = order::breadth_first(&pattern.starts, &pattern.columns);
+        let mut position = vec![0; rows.len()];
+        rows.iter().enumerate().for_each(|(new, &old)| position[old as usize] = new as u32);
+        let entries = pattern.columns.len();
+        let (mut starts, mut columns, mut source) = (vec![0], vec![0; entries], vec![0; entries]);
+        let mut row: Vec<(u32, u32)> = Vec::new();
+        let mut at = 0;
+        for &old in &rows {
+            let range = pattern.starts[old as usize] as usize..pattern.starts[old as usize + 1] as usize;
+            row.clear();
+            row.extend(range.map(|e| (position[pattern.columns[e] as usize], pattern.source[e])));
+            row.sort_unstable();
+            for &(column, entry) in &row {
+                (columns[at], source[at]) = (column, entry);
+                at += 1;
+            }
+            starts.push(at as u32);
+        }
+        let mut full = Self { values: vec![0.0; entries], starts, columns, source, rows };
         full.update(matrix.values());
         full
-    }
-
-    /// Row starts, columns, values and the stored entry behind each value.
-    #[cfg(feature = "sprs")]
-    pub(crate) fn into_parts(self) -> (Vec<u32>, Vec<u32>, Vec<f64>, Vec<u32>) {
-        (self.starts, self.columns, self.values, self.source)
     }
 }
 
@@ -84,25 +99,25 @@ impl Operator for FullCsr {
         Csr { starts: &self.starts, columns: &self.columns, values: &self.values }
     }
 
-    /// 2 W flops and 12 bytes of matrix per entry; x is gathered, y written once.
-    fn multiply<const W: usize>(&self, x: &[[f64; W]], y: &mut [[f64; W]]) -> [f64; W] {
+    fn rows(&self) -> &[u32] {
+        &self.rows
+    }
+
+    /// 2 W flops and 12 bytes of matrix per entry; x is gathered.
+    #[inline]
+    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], mut sink: impl FnMut(usize, [f64; W])) {
         let a = self.csr();
-        let mut dot = [0.0; W];
-        for (i, y) in y.iter_mut().enumerate() {
+        for i in 0..a.n() {
             let (columns, values) = a.row(i);
             let mut sum = [0.0; W];
             for (&j, &a) in columns.iter().zip(values) {
                 let x = &x[j as usize];
                 for c in 0..W {
-                    sum[c] += a * x[c];
+                    sum[c] += a * x[c].to_f64();
                 }
             }
-            *y = sum;
-            for c in 0..W {
-                dot[c] += x[i][c] * sum[c];
-            }
+            sink(i, sum);
         }
-        dot
     }
 
     fn update(&mut self, stored: &[f64]) {
@@ -112,6 +127,6 @@ impl Operator for FullCsr {
     }
 
     fn bytes(&self) -> usize {
-        self.starts.len() * 4 + self.columns.len() * 16
+        self.starts.len() * 4 + self.rows.len() * 4 + self.columns.len() * 16
     }
 }

@@ -4,21 +4,17 @@ use super::operator::Csr;
 use crate::error::PrepareError;
 
 /// z = M^-1 r for rows of W lanes, M symmetric positive definite and the same in every call.
-pub(crate) trait Preconditioner<const W: usize>: Send {
-    /// Reads `r`, writes all of `z`. No allocation.
-    fn apply(&mut self, r: &[[f64; W]], z: &mut [[f64; W]]);
+pub(crate) trait Preconditioner<S, const W: usize>: Send {
+    /// Reads `r`, writes all of `z`. `r` may serve as workspace, but comes back as it was. No allocation.
+    fn apply(&mut self, r: &mut [[S; W]], z: &mut [[S; W]]);
 }
 
-/// A preconditioner for every lane width, with its facts.
-pub(crate) trait AnyPreconditioner: Preconditioner<1> + Preconditioner<4> + Preconditioner<8> {
+/// A preconditioner for every lane width, with its facts. S is what it, and the vectors of the iteration, are stored in.
+pub(crate) trait AnyPreconditioner<S>:
+    Preconditioner<S, 1> + Preconditioner<S, 4> + Preconditioner<S, 8>
+{
     /// Takes new values on the same pattern; keeps what depends on the pattern only.
     fn update(&mut self, matrix: Csr<'_>) -> Result<(), PrepareError>;
-
-    /// True where rounding (a store in f32) makes M^-1 slightly unsymmetric: the core then spends one more dot product
-    /// per iteration (Polak-Ribiere instead of Fletcher-Reeves; Golub and Ye 1999) and keeps converging.
-    fn is_inexact(&self) -> bool {
-        false
-    }
 
     /// When to give up.
     fn budget(&self) -> Budget {
@@ -51,4 +47,6 @@ impl Budget {
     /// For methods whose iterations grow with the mesh: residuals of plain CG may stand still for about the square root
     /// of the condition number, some thousand iterations on the slivered scans of a million triangles.
     pub(crate) const SIMPLE: Self = Self { iterations: 20_000, patience: 3_000 };
+    /// For methods that take some tens of iterations, hundreds on the worst meshes.
+    pub(crate) const MULTILEVEL: Self = Self { iterations: 2_000, patience: 200 };
 }

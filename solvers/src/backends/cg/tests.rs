@@ -1,5 +1,6 @@
 //! The Krylov core through its handle.
 
+use super::test_systems::{assert_spd, dirichlet, slivers, sphere, wave};
 use crate::backend::{Factor, PrepareOptions};
 use crate::columns::Columns;
 use crate::conformance;
@@ -26,10 +27,6 @@ fn prepare(matrix: &SymmetricCsr, columns: usize, tolerance: f64) -> Box<dyn Fac
     let backend = (find("cg-jacobi").expect("a row").open)(&options).expect("always there");
     let system = System::new(matrix.clone(), None).expect("valid");
     backend.prepare(&system, &PrepareOptions::columns(columns), &mut |_| {}).expect("prepares")
-}
-
-fn wave(n: usize, k: usize) -> Vec<f64> {
-    (0..n * k).map(|at| ((at / k) as f64 + 3.0 * (at % k) as f64 + 1.0).sin()).collect()
 }
 
 fn relative(matrix: &SymmetricCsr, x: &[f64], b: &[f64], k: usize) -> f64 {
@@ -123,4 +120,10 @@ fn a_right_hand_side_that_is_not_finite_is_named() {
     let outcome =
         prepare(&matrix, 1, 1e-10).solve(Columns::new(&b, 16, 1), Columns::new(&mut [0.0; 16][..], 16, 1));
     assert_eq!(outcome, Err(SolveError::NonFinite { row: 5 }));
+}
+
+#[test]
+fn jacobi_is_spd() {
+    assert_spd(&dirichlet(&sphere(12, 1.0), 40), 1e-12, super::jacobi::Jacobi::new);
+    assert_spd(&dirichlet(&slivers(12, 1e-3), 40), 1e-12, super::jacobi::Jacobi::new);
 }

@@ -1,0 +1,160 @@
+//! The hierarchy of levels, and its V-cycle as a preconditioner.
+
+use super::bottom::Bottom;
+use super::cells::Cells;
+use super::filter::Filtered;
+use super::galerkin;
+use super::interpolate;
+use super::level::Level;
+use super::rows::Rows;
+use super::stiff::{self, Stiff};
+use crate::backends::cg::operator::Csr;
+use crate::backends::cg::preconditioner::{AnyPreconditioner, Budget, Preconditioner, Size};
+use crate::error::PrepareError;
+use crate::vector::Vector;
+
+/// Rows that dense Cholesky takes over from: its two sweeps then cost less than a hundredth of a cycle on a large mesh.
+const BOTTOM_ROWS: usize = 400;
+/// A level that keeps more than this share of its rows is not worth having: smoothing alone has to do.
+const WORTHWHILE: f64 = 0.8;
+
+/// How coarse functions are made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Interpolation<'a> {
+    /// Smoothed aggregation, from the matrix alone.
+    Smoothed,
+    /// Barycentric on the surface, from one point per row; these weights stay when values change.
+    Barycentric(&'a [Vector]),
+}
+
+/// Stiff rows, levels, and the direct solve at the bottom.
+pub(crate) struct Hierarchy {
+    stiff: Stiff,
+    levels: Vec<Level>,
+    bottom: Bottom,
+    /// The cells of each level: they stay when values change.
+    cells: Vec<Cells>,
+    keeps_weights: bool,
+    width: usize,
+}
+
+impl Hierarchy {
+    /// Builds the hierarchy of `a`, for solves of up to `width` lanes.
+    ///
+    /// # Errors
+    /// `NotPositiveDefinite` with the row where elimination breaks down, or the sample of the coarse row where it does.
+    pub(crate) fn new(
+        a: Csr<'_>,
+        interpolation: Interpolation<'_>,
+        width: usize,
+    ) -> Result<Self, PrepareError> {
+        let order = stiff::choose(a);
+        let mut points = match interpolation {
+            Interpolation::Smoothed => None,
+            Interpolation::Barycentric(points) => Some(points.to_vec()),
+        };
+        let keeps_weights = points.is_some();
+        let coarsen = |_, a: Csr<'_>| {
+            let f = Filtered::new(a);
+            let cells = Cells::new(&f);
+            if cells.count() as f64 > WORTHWHILE * a.n() as f64 {
+                return None;
+            }
+            let p = match &points {
+                Some(points) => interpolate::barycentric(a, &cells, points),
+                None => interpolate::smoothed(&f, &cells),
+            };
+            points = points.take().map(|own| cells.samples.iter().map(|&s| own[s as usize]).collect());
+            Some((p, cells))
+        };
+        Self::build(a, order, keeps_weights, width, coarsen)
+    }
+
+    /// Builds levels for as long as `coarsen` (given the number of the level and its matrix) makes cells.
+    fn build(
+        a: Csr<'_>,
+        stiff: Vec<u32>,
+        keeps_weights: bool,
+        width: usize,
+        mut coarsen: impl FnMut(usize, Csr<'_>) -> Option<(Rows<f32>, Cells)>,
+    ) -> Result<Self, PrepareError> {
+        let not_definite = |row| PrepareError::NotPositiveDefinite { row };
+        let (stiff, mut matrix) = Stiff::factor(a, stiff, width).map_err(not_definite)?;
+        let (mut levels, mut all_cells) = (Vec::new(), Vec::<Cells>::new());
+        while matrix.n() > BOTTOM_ROWS {
+            let (p, cells) =
+                coarsen(levels.len(), matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
+            let r = p.transpose(cells.count());
+            let coarse = galerkin::product(matrix.csr(), &p, &r);
+            levels.push(Level::new(matrix.csr(), p, r, width));
+            all_cells.push(cells);
+            matrix = coarse;
+        }
+        let bottom = Bottom::new(matrix.csr(), width).map_err(|row| {
+            let sample = |row, cells: &Cells| cells.samples[row] as usize;
+            not_definite(all_cells.iter().rev().fold(row, sample))
+        })?;
+        Ok(Self { stiff, levels, bottom, cells: all_cells, keeps_weights, width })
+    }
+}
+
+/// The last level of a matrix without couplings worth following: its cycle is one symmetric Gauss-Seidel step.
+fn smoothing_only(n: usize) -> (Rows<f32>, Cells) {
+    let nothing = Rows { starts: vec![0; n + 1], columns: Vec::new(), values: Vec::new() };
+    (nothing, Cells { owner: Vec::new(), samples: Vec::new() })
+}
+
+/// x = V-cycle(b), from zero.
+fn cycle<const W: usize>(levels: &mut [Level], bottom: &mut Bottom, b: &[[f32; W]], x: &mut [[f32; W]]) {
+    let Some((level, coarser)) = levels.split_first_mut() else {
+        return bottom.solve(b, x);
+    };
+    level.down(b, x);
+    let mut work = std::mem::take(&mut level.coarse);
+    let rows = level.coarse_rows();
+    let (coarse_b, coarse_x) = work.split::<W>(rows);
+    cycle(coarser, bottom, coarse_b, coarse_x);
+    level.coarse = work;
+    level.up(b, x);
+}
+
+impl<const W: usize> Preconditioner<f32, W> for Hierarchy {
+    fn apply(&mut self, r: &mut [[f32; W]], z: &mut [[f32; W]]) {
+        self.stiff.forward(r);
+        cycle(&mut self.levels, &mut self.bottom, r, z);
+        self.stiff.backward(z, r);
+    }
+}
+
+impl AnyPreconditioner<f32> for Hierarchy {
+    /// Keeps the eliminated rows, the cells and, where they come from positions, the weights of the interpolation.
+    fn update(&mut self, a: Csr<'_>) -> Result<(), PrepareError> {
+        let order = self.stiff.order().to_vec();
+        let mut old = std::mem::take(&mut self.levels).into_iter();
+        let mut cells = std::mem::take(&mut self.cells).into_iter();
+        let keeps_weights = self.keeps_weights;
+        let again = |_, a: Csr<'_>| {
+            let (level, cells) = (old.next()?, cells.next()?);
+            let p = level.into_interpolation();
+            let p = if keeps_weights || cells.count() == 0 {
+                p
+            } else {
+                interpolate::smoothed(&Filtered::new(a), &cells)
+            };
+            Some((p, cells))
+        };
+        *self = Self::build(a, order, keeps_weights, self.width, again)?;
+        Ok(())
+    }
+
+    fn budget(&self) -> Budget {
+        Budget::MULTILEVEL
+    }
+
+    fn size(&self) -> Size {
+        let parts = self.levels.iter().map(Level::size).chain([self.stiff.size()]);
+        let (entries, bytes) = parts.fold((0, 0), |sum, part| (sum.0 + part.0, sum.1 + part.1));
+        let bottom = self.bottom.entries();
+        Size { entries: (entries + bottom) as u64, bytes: (bytes + 8 * bottom) as u64 }
+    }
+}
