@@ -11,6 +11,9 @@ use crate::file::{Fault, Place};
 const HEADER: usize = 84; // 80 bytes of anything, then the number of triangles
 const ROW: usize = 50; // normal and three corners as f32, two bytes of anything
 
+/// The words that lines of an ascii STL begin with, in any case.
+const KEYWORDS: [&[u8]; 7] = [b"vertex", b"facet", b"endfacet", b"outer", b"endloop", b"solid", b"endsolid"];
+
 /// Whether the length of the file is exactly that of the binary STL it may begin as.
 pub fn is_binary(bytes: &[u8]) -> bool {
     promised(bytes).is_some_and(|count| count > 0 && bytes.len() as u64 == HEADER as u64 + count * ROW as u64)
@@ -93,7 +96,8 @@ fn read_ascii(bytes: &[u8], builder: &mut MeshBuilder, welder: &mut Welder) -> R
     for line in Lines::new(bytes, 1) {
         let mut tokens = line.tokens();
         let Some(word) = tokens.next() else { continue };
-        match word.to_ascii_lowercase().as_slice() {
+        let keyword = KEYWORDS.into_iter().find(|keyword| word.eq_ignore_ascii_case(keyword));
+        match keyword.unwrap_or_default() {
             b"vertex" => {
                 if open.is_none() {
                     return Err(line.fault("a vertex outside of a facet", "repair or export the file again"));
