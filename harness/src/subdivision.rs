@@ -40,7 +40,7 @@ pub enum SubdivisionError {
     Mesh(#[from] MeshError),
 }
 
-/// New positions as weighted sums of old ones, by rows: the entries of vertex v are starts[v]..starts[v + 1].
+/// New positions as weighted sums of old ones, by rows: the entries of vertex v are `starts[v]..starts[v + 1]`.
 #[derive(Clone, Debug)]
 struct Stencils {
     starts: Vec<u32>,
@@ -202,7 +202,7 @@ impl Edges {
     }
 
     /// For each vertex its neighbours, ascending, and whether the edge to them is a crease: those of v stand at
-    /// starts[v]..starts[v + 1].
+    /// `starts[v]..starts[v + 1]`.
     fn neighbours(&self, vertices: usize) -> (Vec<u32>, Vec<(u32, bool)>) {
         let mut starts = vec![0u32; vertices + 1];
         self.list.iter().flat_map(|edge| edge.ends).for_each(|v| starts[v as usize + 1] += 1);

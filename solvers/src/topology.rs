@@ -210,7 +210,7 @@ impl HalfEdge {
     }
 }
 
-/// Half-edges of the triangles with three different vertices: those with lower vertex v stand at starts[v]..starts[v+1].
+/// Half-edges of the triangles with three different vertices: those with lower vertex v stand at `starts[v]..starts[v + 1]`.
 fn half_edges_by_lower_vertex(mesh: &TriangleMesh) -> (Vec<u32>, Vec<HalfEdge>) {
     let sides = || {
         let proper = (0u32..).zip(mesh.triangles()).filter(|&(_, &corners)| has_three_vertices(corners));
