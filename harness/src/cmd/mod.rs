@@ -10,6 +10,7 @@ pub mod list;
 pub mod matrix;
 pub mod output;
 pub mod peer;
+pub mod render;
 pub mod run;
 pub mod schema;
 pub mod solve;
@@ -39,6 +40,7 @@ enum Command {
     Run(Box<run::Args>),
     Solve(solve::Args),
     Matrix(matrix::Args),
+    Render(render::Args),
     Compare(compare::Args),
     List(list::Args),
     Doctor(doctor::Args),
@@ -100,6 +102,7 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Run(args) => run::run(&args, context),
         Command::Solve(args) => solve::run(&args, context),
         Command::Matrix(args) => matrix::run(&args),
+        Command::Render(args) => render::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),

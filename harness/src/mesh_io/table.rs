@@ -37,6 +37,14 @@ pub fn read_pairs(path: &Path, limits: [usize; 2]) -> Result<Vec<[u32; 2]>, File
     parse_pairs(&file::read(path)?, limits).map_err(|fault| fault.in_file(path))
 }
 
+/// Reads columns: `n` rows, in vertex order, of the same number k of values. Returns k and the values, vertex-major.
+///
+/// # Errors
+/// [`FileError`] naming the line of a malformed row, and for another number of rows.
+pub fn read_columns(path: &Path, n: usize) -> Result<(usize, Vec<f64>), FileError> {
+    parse_columns(&file::read(path)?, n).map_err(|fault| fault.in_file(path))
+}
+
 /// Writes rows of k values, atomically.
 ///
 /// # Errors
@@ -94,6 +102,33 @@ pub fn parse_constraints(bytes: &[u8], n: usize) -> Result<Constraints, Fault> {
         }
     }
     Ok(Constraints { vertices: rows.iter().map(|&(vertex, _)| vertex).collect(), values, k })
+}
+
+/// See [`read_columns`].
+///
+/// # Errors
+/// A fault naming the line.
+pub fn parse_columns(bytes: &[u8], n: usize) -> Result<(usize, Vec<f64>), Fault> {
+    let (mut values, mut rows, mut k) = (Vec::new(), 0, 0);
+    for line in data_lines(bytes) {
+        let before = values.len();
+        for field in Fields::of(line) {
+            values.push(line.finite(Some(field), "value")?);
+        }
+        let found = values.len() - before;
+        if rows > 0 && found != k {
+            let problem = format!("{found} values, but the rows before have {k}");
+            return Err(line.fault(problem, "complete the rows"));
+        }
+        (k, rows) = (found, rows + 1);
+        if rows > n {
+            return Err(line.fault(format!("more than {n} rows"), "give one row per vertex"));
+        }
+    }
+    if rows < n {
+        return Err(Fault::new(format!("has {rows} rows, expected {n}"), "give one row per vertex"));
+    }
+    Ok((k, values))
 }
 
 /// See [`read_pairs`].
@@ -187,6 +222,21 @@ mod tests {
         assert_eq!(read, Constraints { vertices: vec![3, 7], values: vec![1e-3, 4.0, 1.5, -2.0], k: 2 });
         assert_eq!(parse_pairs(b"2\n0, 1\n2 , 3\n", [3, 4]).unwrap(), [[0, 1], [2, 3]]);
         assert_eq!(parse_pairs(b"a b\n0 1\n", [3, 4]).unwrap(), [[0, 1]]);
+    }
+
+    #[test]
+    fn columns_have_one_row_per_vertex() {
+        assert_eq!(parse_columns(b"x y\n1,2\n3 4\n", 2), Ok((2, vec![1.0, 2.0, 3.0, 4.0])));
+        for (file, part) in [
+            ("1\n2\n3\n", "line 3: more than 2 rows"),
+            ("1\n", "has 1 rows"),
+            ("", "has 0 rows"),
+            ("1\n2 3\n", "line 2: 2 values"),
+            ("1\ninf\n", "line 2"),
+        ] {
+            let fault = parse_columns(file.as_bytes(), 2).unwrap_err().to_string();
+            assert!(fault.contains(part), "{file:?}: {fault}");
+        }
     }
 
     #[test]

@@ -3,35 +3,52 @@
 use crate::vector::{Vector, cross, dot, normalize, scale, sub};
 use lapsolve::mesh::TriangleMesh;
 
-/// Direction of view for a mesh whose y axis points up and that faces +z.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Where the viewer stands, named for a body.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum View {
-    /// Against the z axis.
+    /// In front of it.
+    #[default]
     Front,
-    /// Along the z axis.
+    /// Behind it.
     Back,
-    /// From +x (the left side of a body that faces +z).
+    /// On its left side.
     Left,
-    /// From -x.
+    /// On its right side.
+    #[value(alias = "side")]
     Right,
-    /// From above, +z down in the picture.
+    /// Above it; its front is down in the picture.
     Top,
-    /// From the front, 35 degrees to the side and a little above.
+    /// In front, 35 degrees towards its left and a little above.
     ThreeQuarter,
+}
+
+/// Which axis points up. A body then faces +z (y up) or -y (z up), and its left is +x.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Up {
+    /// The y axis, as in most animation data.
+    #[default]
+    Y,
+    /// The z axis, as in most engineering data.
+    Z,
 }
 
 impl View {
     /// From the scene towards the viewer, and what is up in the picture.
-    fn axes(self) -> (Vector, Vector) {
-        let up = [0.0, 1.0, 0.0];
-        match self {
-            Self::Front => ([0.0, 0.0, 1.0], up),
-            Self::Back => ([0.0, 0.0, -1.0], up),
-            Self::Left => ([1.0, 0.0, 0.0], up),
-            Self::Right => ([-1.0, 0.0, 0.0], up),
-            Self::Top => ([0.0, 1.0, 0.0], [0.0, 0.0, -1.0]),
-            Self::ThreeQuarter => ([0.56, 0.2, 0.8], up),
-        }
+    fn axes(self, up: Up) -> (Vector, Vector) {
+        let above = [0.0, 1.0, 0.0];
+        let (towards_viewer, upwards) = match self {
+            Self::Front => ([0.0, 0.0, 1.0], above),
+            Self::Back => ([0.0, 0.0, -1.0], above),
+            Self::Left => ([1.0, 0.0, 0.0], above),
+            Self::Right => ([-1.0, 0.0, 0.0], above),
+            Self::Top => (above, [0.0, 0.0, -1.0]),
+            Self::ThreeQuarter => ([0.56, 0.2, 0.8], above),
+        };
+        let turned = |[x, y, z]: Vector| match up {
+            Up::Y => [x, y, z],
+            Up::Z => [x, -z, y],
+        };
+        (normalize(turned(towards_viewer)), turned(upwards))
     }
 }
 
@@ -52,15 +69,14 @@ pub struct Camera {
 
 impl Camera {
     /// A parallel projection of the vertices that triangles use, with a small margin.
-    pub fn framing(mesh: &TriangleMesh, view: View) -> Self {
-        Self::framing_box(mesh.bounding_box(), view)
+    pub fn framing(mesh: &TriangleMesh, view: View, up: Up) -> Self {
+        Self::framing_box(mesh.bounding_box(), view, up)
     }
 
     /// A parallel projection of everything in the box (lowest and highest corner), with a small margin.
-    pub fn framing_box((low, high): (Vector, Vector), view: View) -> Self {
+    pub fn framing_box((low, high): (Vector, Vector), view: View, up: Up) -> Self {
         const MARGIN: f64 = 1.05;
-        let (towards_viewer, up) = view.axes();
-        let towards_viewer = normalize(towards_viewer);
+        let (towards_viewer, up) = view.axes(up);
         let right = normalize(cross(up, towards_viewer));
         let up = cross(towards_viewer, right);
         let centre: Vector = std::array::from_fn(|i| 0.5 * low[i] + 0.5 * high[i]);
@@ -73,6 +89,11 @@ impl Camera {
             (0..3).map(|i| (axis[i] * half[i]).abs()).sum::<f64>().max(1e-3) * MARGIN
         };
         Self { right, up, towards_viewer, centre, zoom, half: [extent(right), extent(up)], distance: None }
+    }
+
+    /// Where this camera's frame is wider than it is high, by which factor: for images of matching shape.
+    pub fn aspect(&self) -> f64 {
+        self.half[0] / self.half[1]
     }
 
     /// The same view in perspective, from `extents` times the largest half extent away (at least 4, so that the

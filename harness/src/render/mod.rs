@@ -10,7 +10,7 @@ mod image;
 mod raster;
 mod sheet;
 
-pub use camera::{Camera, View};
+pub use camera::{Camera, Up, View};
 pub use colour::{Colour, Colouring, Style, viridis};
 pub use image::Image;
 pub use raster::draw;

@@ -225,3 +225,77 @@ fn blend(light: &[Vector; 3], weights: [f64; 3]) -> [f32; 3] {
     let sum = add_scaled(add_scaled(scale(weights[0], light[0]), weights[1], light[1]), weights[2], light[2]);
     sum.map(|x| x as f32)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Colouring, Up, View};
+    use super::*;
+
+    const WHITE: Colour = [255; 3];
+
+    fn style(size: usize) -> Style<'static> {
+        Style { size: (size, size), samples: 2, ..Style::default() }
+    }
+
+    fn picture(mesh: &TriangleMesh, style: &Style<'_>) -> Image {
+        draw(mesh, style, &Camera::framing(mesh, View::Front, Up::Y))
+    }
+
+    fn at(image: &Image, x: usize, y: usize) -> Colour {
+        image.pixels()[y * image.width() + x]
+    }
+
+    fn square(z: f64) -> [[f64; 3]; 4] {
+        [[-1.0, -1.0, z], [1.0, -1.0, z], [1.0, 1.0, z], [-1.0, 1.0, z]]
+    }
+
+    #[test]
+    fn a_triangle_covers_half_of_its_box() {
+        let mesh = TriangleMesh::new(square(0.0)[..3].to_vec(), vec![[0, 1, 2]]).unwrap();
+        let image = picture(&mesh, &style(100));
+        let covered = image.pixels().iter().filter(|&&p| p != WHITE).count() as f64;
+        // Half of the picture, less the margin of 1.05 on every side.
+        assert!((covered / (0.5 * 10_000.0 / (1.05 * 1.05)) - 1.0).abs() < 0.03, "{covered} pixels");
+        assert_ne!(at(&image, 80, 80), WHITE);
+        assert_eq!(at(&image, 20, 20), WHITE);
+    }
+
+    #[test]
+    fn the_nearer_surface_hides_the_farther_in_any_order_and_projection() {
+        let positions = [square(0.0), square(1.0)].concat();
+        let (far, near) = ([[0, 1, 2], [0, 2, 3]], [[4, 5, 6], [4, 6, 7]]);
+        let red_near = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+        let style = Style { colouring: Colouring::Scalar { values: &red_near, range: None }, ..style(64) };
+        let mesh =
+            |triangles: [[[u32; 3]; 2]; 2]| TriangleMesh::new(positions.clone(), triangles.concat()).unwrap();
+        let (one, other) = (mesh([far, near]), mesh([near, far]));
+        let camera = Camera::framing(&one, View::Front, Up::Y);
+        for camera in [camera, camera.perspective(5.0)] {
+            let image = draw(&one, &style, &camera);
+            assert_eq!(image, draw(&other, &style, &camera));
+            let [red, green, blue] = at(&image, 32, 32);
+            assert!(red > 150 && green > 130 && blue < 90, "yellow is the upper end of the map");
+        }
+        let behind = draw(&one, &style, &Camera::framing(&one, View::Back, Up::Y));
+        let [red, green, blue] = at(&behind, 32, 32);
+        assert!(blue > red && red > green, "purple is the lower end of the map");
+    }
+
+    #[test]
+    fn odd_meshes_draw_without_panic() {
+        let huge: Vec<Vector> = square(0.5).iter().map(|&p| scale(1e308, p)).collect();
+        let tiny: Vec<Vector> = square(0.5).iter().map(|&p| scale(1e-308, p)).collect();
+        let two = vec![[0, 1, 2], [0, 2, 3]];
+        let style = Style { marked_vertices: &[0, 99], marked_triangles: &[0, 99], ..style(40) };
+        let image = picture(&TriangleMesh::new(huge, two.clone()).unwrap(), &style);
+        assert_ne!(at(&image, 20, 20), WHITE);
+        picture(&TriangleMesh::new(tiny, two.clone()).unwrap(), &style);
+        for degenerate in
+            [vec![[1.0; 3]; 4], vec![[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]]
+        {
+            let mesh = TriangleMesh::new(degenerate, two.clone()).unwrap();
+            let unmarked = Style { marked_vertices: &[], ..style };
+            assert!(picture(&mesh, &unmarked).pixels().iter().all(|&p| p == WHITE));
+        }
+    }
+}
