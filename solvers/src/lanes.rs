@@ -65,12 +65,16 @@ pub trait Lanes: Real {
     type Four: Shape<T = Self>;
     /// Up to eight columns.
     type Eight: Shape<T = Self>;
+    /// Magnitudes of a right-hand side that neither overflow nor lose digits to underflow on their way through a solve.
+    const COMFORTABLE: std::ops::Range<f64>;
 }
 impl Lanes for f64 {
+    const COMFORTABLE: std::ops::Range<f64> = 1e-200..1e200;
     type Four = F64x4;
     type Eight = F64x8;
 }
 impl Lanes for f32 {
+    const COMFORTABLE: std::ops::Range<f64> = 1e-18..1e18;
     type Four = F32x4;
     type Eight = F32x8;
 }

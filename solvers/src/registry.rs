@@ -114,6 +114,12 @@ pub const BACKENDS: &[Entry] = &[
     },
     Entry { id: "framechol-f64", open: backends::framechol::open_f64, ..DIRECT },
     Entry { id: "framechol-f32", precision: Precision::F32, open: backends::framechol::open_f32, ..DIRECT },
+    Entry {
+        id: "framechol-mixed",
+        precision: Precision::Mixed,
+        open: backends::framechol::open_mixed,
+        ..DIRECT
+    },
     Entry { id: "faer-llt", licence: "MIT", open: gated!("faer", backends::faer::open_llt), ..DIRECT },
     Entry { id: "faer-ldlt", licence: "MIT", open: gated!("faer", backends::faer::open_ldlt), ..DIRECT },
     Entry {

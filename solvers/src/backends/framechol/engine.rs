@@ -7,7 +7,7 @@
 //! ```
 use super::gather::{Group, Output, Scatter, Source};
 use super::numeric::{Breakdown, FactorPart, Workspace};
-use super::panels::Panels;
+use super::panels::{Panels, Reach};
 use super::sweep::{Backward, Forward, accumulate};
 use super::symbolic::{Part, Symbolic};
 use crate::aligned::Aligned;
@@ -18,6 +18,15 @@ use crate::lanes::{Lanes, Shape};
 use crate::team::Team;
 use std::ops::Range;
 
+/// What went through a frame: facts that decide whether its result can be used.
+#[derive(Clone, Copy)]
+pub struct Seen {
+    /// Whether the whole solution is finite.
+    pub finite: bool,
+    /// Largest absolute value of the right-hand side.
+    pub largest: f64,
+}
+
 /// What one thread owns. `E`: what a method keeps besides.
 pub struct Share<T, E> {
     /// The thread's subtrees of the factor.
@@ -27,8 +36,8 @@ pub struct Share<T, E> {
     pub slab: Aligned<T>,
     /// What the last factorisation said.
     outcome: Result<(), Breakdown>,
-    /// Whether all that the last frame stored was finite.
-    pub finite: bool,
+    /// What the last frame saw.
+    pub seen: Seen,
     /// What a method keeps besides.
     pub extra: E,
 }
@@ -50,6 +59,8 @@ pub struct Engine<T, E> {
     top: Option<Top<T>>,
     /// As many threads as shares.
     pub team: Team,
+    /// The factor is that of this power of two times the matrix, whose largest diagonal entry so is about 1.
+    pub scale: f64,
     name: &'static str,
 }
 
@@ -60,7 +71,7 @@ impl<T: Lanes, E: Send> Engine<T, E> {
         symbolic: Symbolic,
         lanes: usize,
         name: &'static str,
-        extra: impl Fn(&Part) -> E,
+        mut extra: impl FnMut(&Part) -> E,
     ) -> Result<Self, PrepareError> {
         let threads = symbolic.threads();
         let shares = symbolic.parts[..threads].iter().map(|part| Share {
@@ -68,7 +79,7 @@ impl<T: Lanes, E: Send> Engine<T, E> {
             work: Workspace::new(part),
             slab: Aligned::new(lanes * part.slab as usize),
             outcome: Ok(()),
-            finite: true,
+            seen: Seen { finite: true, largest: 0.0 },
             extra: extra(part),
         });
         let shares = shares.collect();
@@ -79,24 +90,31 @@ impl<T: Lanes, E: Send> Engine<T, E> {
         let team = Team::new(threads).map_err(|error| PrepareError::Unsupported {
             what: format!("{threads} threads: the system refuses to start them ({error})"),
         })?;
-        Ok(Self { isa, symbolic, shares, top, team, name })
+        Ok(Self { isa, symbolic, shares, top, team, scale: 1.0, name })
     }
 
     /// Numeric factorisation: every thread its subtrees, then the top. `values` by stored entry of the matrix.
     pub fn factorise(&mut self, values: &[f64]) -> Result<(), PrepareError> {
-        let Self { isa, symbolic, shares, top, team, .. } = self;
-        let parts = &symbolic.parts;
+        self.scale = 1.0 / power_of_two(self.symbolic.largest_pivot(values));
+        let Self { isa, symbolic, shares, top, team, scale, .. } = self;
+        let (parts, scale) = (&symbolic.parts, *scale);
         team.for_each(shares, |t, share| {
             let Share { work, panels: out, .. } = share;
-            share.outcome =
-                isa.run(FactorPart { part: &parts[t], values, below: &|_| unreachable!(), work, out });
+            share.outcome = isa.run(FactorPart {
+                part: &parts[t],
+                values,
+                scale,
+                below: &|_| unreachable!("subtrees are closed"),
+                work,
+                out,
+            });
         });
         let mut outcome = shares.iter().try_for_each(|share| share.outcome);
         if let (Ok(()), Some(top)) = (outcome, top) {
             let below = |t: usize| (&parts[t], &shares[t].work);
             let part = &parts[parts.len() - 1];
             let Top { panels: out, work } = top;
-            outcome = isa.run(FactorPart { part, values, below: &below, work, out });
+            outcome = isa.run(FactorPart { part, values, scale, below: &below, work, out });
         }
         outcome.map_err(|Breakdown { position, pivot }| {
             let row = symbolic.order[position as usize] as usize;
@@ -108,49 +126,49 @@ impl<T: Lanes, E: Send> Engine<T, E> {
         })
     }
 
-    /// A group of columns in one sweep pair: loads from `source`, stores to rows `rows[k]` of `x` for elimination
-    /// position k. Returns whether the solution is finite.
+    /// A group of columns in one sweep pair: loads from `source` times `scale`, a power of two, and stores to rows
+    /// `rows[k]` of `x` for elimination position k.
     pub fn frame<S: Shape<T = T>>(
         &mut self,
         source: &impl Source,
+        scale: f64,
         rows: &[u32],
         x: &Output<'_>,
         group: Group,
-    ) -> bool {
+    ) -> Seen {
         let Self { isa, symbolic, shares, team, .. } = self;
         team.for_each(shares, |t, share| {
             let (part, work) = (&symbolic.parts[t], S::rows(&mut share.slab));
-            let own = symbolic.positions(t);
             let (pivots, top) = work[..part.slab as usize].split_at_mut(part.pivots());
-            source.load::<S>(*isa, own, group, pivots);
+            let mut largest = source.load::<S>(*isa, symbolic.positions(t), group, scale, pivots);
             if t == 0 {
-                source.load::<S>(*isa, symbolic.top_positions(), group, top);
+                largest = largest.max(source.load::<S>(*isa, symbolic.top_positions(), group, scale, top));
             } else {
                 top.fill(S::Row::default());
             }
+            share.seen.largest = largest;
             isa.run(Forward::<S> { panels: &share.panels, active: source.active(t), work });
         });
-        self.sweep_top::<S>(source.active(self.shares.len()));
+        let threads = shares.len();
+        self.sweep_top::<S>(source.active(threads));
+        let scale = self.scale / scale;
         let Self { isa, symbolic, shares, team, .. } = self;
         team.for_each(shares, |t, share| {
             let (part, work) = (&symbolic.parts[t], S::rows(&mut share.slab));
             isa.run(Backward::<S> { panels: &share.panels, work });
-            let (pivots, top) = work[..part.slab as usize].split_at(part.pivots());
-            let own = &rows[symbolic.positions(t)];
-            // SAFETY: `rows` names every row once, and the positions of the threads and of the top are disjoint.
-            share.finite = isa.run(unsafe { Scatter::<S>::new(own, x, group, pivots) });
-            if t == 0 {
-                let own = &rows[symbolic.top_positions()];
-                // SAFETY: as above.
-                share.finite &= isa.run(unsafe { Scatter::<S>::new(own, x, group, top) });
-            }
+            // SAFETY: `rows` names every row at most once, and the positions of threads and top are disjoint.
+            share.seen.finite = unsafe { store::<S>(*isa, symbolic, t, part, work, rows, x, group, scale) };
         });
-        self.shares.iter().all(|share| share.finite)
+        shares.iter().fold(Seen { finite: true, largest: 0.0 }, |all, share| Seen {
+            finite: all.finite && share.seen.finite,
+            largest: all.largest.max(share.seen.largest),
+        })
     }
 
     /// Adds the threads' updates of the top rows, sweeps the top both ways and gives every thread the result.
     pub fn sweep_top<S: Shape<T = T>>(&mut self, active: Option<&[u32]>) {
-        let Self { isa, symbolic, shares, top: Some(top), .. } = self else { return };
+        let Self { isa, symbolic, shares, top, .. } = self;
+        let Some(top) = top else { return };
         let (first, others) = shares.split_first_mut().expect("at least one thread");
         let rows = |part: &Part| part.pivots()..part.slab as usize;
         let slab = S::rows(&mut first.slab);
@@ -162,6 +180,29 @@ impl<T: Lanes, E: Send> Engine<T, E> {
         for (share, part) in others.iter_mut().zip(&symbolic.parts[1..]) {
             S::rows(&mut share.slab)[rows(part)].copy_from_slice(&slab[rows(&symbolic.parts[0])]);
         }
+    }
+
+    /// The panels that a right-hand side with non-zeros at `positions` reaches.
+    pub fn reach(&self, positions: impl Iterator<Item = u32>) -> Reach {
+        let symbolic = &self.symbolic;
+        let positions: Vec<u32> = positions.collect();
+        let first_of_top = symbolic.top_positions().start as u32;
+        let mut top_rows: Vec<u32> = positions.iter().copied().filter(|&p| p >= first_of_top).collect();
+        let mut panels = Vec::new();
+        for (t, share) in self.shares.iter().enumerate() {
+            let (own, pivots) = (symbolic.positions(t), symbolic.parts[t].pivots() as u32);
+            let rows =
+                positions.iter().filter(|p| own.contains(&(**p as usize))).map(|p| p - own.start as u32);
+            let mut leave = Vec::new();
+            panels.push(share.panels.reach(rows, &mut leave));
+            top_rows.extend(leave.into_iter().map(|row| row - pivots + first_of_top));
+        }
+        if let Some(top) = &self.top {
+            let first_local = symbolic.parts[self.shares.len()].first_local;
+            let rows = top_rows.into_iter().map(|p| p - first_of_top + first_local);
+            panels.push(top.panels.reach(rows, &mut Vec::new()));
+        }
+        Reach { panels }
     }
 
     /// Columns that one frame can take.
@@ -189,10 +230,42 @@ impl<T: Lanes, E: Send> Engine<T, E> {
     }
 }
 
-/// Splits k columns into groups of at most `widest` and runs `frame` on each; false if any of them says so.
-pub fn in_groups(k: usize, widest: usize, mut frame: impl FnMut(Group) -> bool) -> bool {
-    let groups = (0..k).step_by(widest).map(|from| Group { from, count: widest.min(k - from) });
-    groups.fold(true, |good, group| frame(group) && good)
+/// Stores the rows of thread `t`, and for thread 0 those of the top. Returns whether they are finite.
+///
+/// # Safety
+/// No row occurs in `rows` twice.
+pub unsafe fn store<S: Shape>(
+    isa: Isa,
+    symbolic: &Symbolic,
+    t: usize,
+    part: &Part,
+    work: &[S::Row],
+    rows: &[u32],
+    x: &Output<'_>,
+    group: Group,
+    scale: f64,
+) -> bool {
+    let (pivots, top) = work[..part.slab as usize].split_at(part.pivots());
+    let own = &rows[symbolic.positions(t)];
+    // SAFETY: every thread stores other positions, hence other rows.
+    let finite = isa.run(unsafe { Scatter::<S>::new(own, x, group, scale, pivots) });
+    if t > 0 {
+        return finite;
+    }
+    let own = &rows[symbolic.top_positions()];
+    // SAFETY: as above.
+    isa.run(unsafe { Scatter::<S>::new(own, x, group, scale, top) }) && finite
+}
+
+/// The power of two next to a positive finite number, at most a factor of two below; 1 for others.
+pub fn power_of_two(x: f64) -> f64 {
+    const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
+    if x.is_normal() && x > 0.0 { f64::from_bits(x.to_bits() & EXPONENT) } else { 1.0 }
+}
+
+/// Splits k columns into groups of at most `widest`.
+pub fn groups(k: usize, widest: usize) -> impl Iterator<Item = Group> {
+    (0..k).step_by(widest).map(move |from| Group { from, count: widest.min(k - from) })
 }
 
 impl Symbolic {
@@ -212,6 +285,20 @@ impl Symbolic {
         match self.parts.get(self.threads()) {
             Some(top) => top.first_position as usize..self.order.len(),
             None => self.order.len()..self.order.len(),
+        }
+    }
+
+    /// The largest diagonal entry of the matrix.
+    pub fn largest_pivot(&self, values: &[f64]) -> f64 {
+        let diagonals = self.parts.iter().flat_map(|part| &part.diagonal);
+        diagonals.fold(0.0, |most, &entry| values[entry as usize].max(most))
+    }
+
+    /// The same structure for a matrix whose values are found elsewhere: entry e at `source[e]`.
+    pub fn redirect(&mut self, source: &[u32]) {
+        for part in &mut self.parts {
+            part.entries.iter_mut().for_each(|entry| entry.0 = source[entry.0 as usize]);
+            part.diagonal.iter_mut().for_each(|entry| *entry = source[*entry as usize]);
         }
     }
 

@@ -16,8 +16,16 @@ pub struct Group {
 
 /// Where right-hand sides come from.
 pub trait Source: Sync {
-    /// Writes the rows eliminated at positions `range` to `work`, one row each; lanes without a column become zero.
-    fn load<S: Shape>(&self, isa: Isa, range: Range<usize>, group: Group, work: &mut [S::Row]);
+    /// Writes `scale` times the rows eliminated at positions `range` to `work`, one row each; lanes without a column become
+    /// zero. Returns the largest absolute value before scaling.
+    fn load<S: Shape>(
+        &self,
+        isa: Isa,
+        range: Range<usize>,
+        group: Group,
+        scale: f64,
+        work: &mut [S::Row],
+    ) -> f64;
 
     /// The panels of a part that the forward sweep must visit, ascending; `None`: all.
     fn active(&self, part: usize) -> Option<&[u32]>;
@@ -45,8 +53,15 @@ pub struct Dense<'a> {
 }
 
 impl Source for Dense<'_> {
-    fn load<S: Shape>(&self, isa: Isa, range: Range<usize>, group: Group, work: &mut [S::Row]) {
-        isa.run(Gather::<S> { order: &self.order[range], block: self.block, group, work });
+    fn load<S: Shape>(
+        &self,
+        isa: Isa,
+        range: Range<usize>,
+        group: Group,
+        scale: f64,
+        work: &mut [S::Row],
+    ) -> f64 {
+        isa.run(Gather::<S> { order: &self.order[range], block: self.block, group, scale, work })
     }
 
     fn active(&self, _: usize) -> Option<&[u32]> {
@@ -54,27 +69,33 @@ impl Source for Dense<'_> {
     }
 }
 
-/// work[i] := row `order[i]` of the block. Streams `work` and 4 bytes of index, gathers 8 bytes per number.
+/// work[i] := scale times row `order[i]` of the block. Streams `work` and 4 bytes of index, gathers 8 bytes per number.
 struct Gather<'a, S: Shape> {
     order: &'a [u32],
     block: Columns<&'a [f64]>,
     group: Group,
+    scale: f64,
     work: &'a mut [S::Row],
 }
 
 impl<S: Shape> Kernel for Gather<'_, S> {
-    type Output = ();
+    type Output = f64;
 
     #[inline(always)]
-    fn run<F: Features>(self) {
+    fn run<F: Features>(self) -> f64 {
         let (k, data) = (self.block.k(), self.block.slice());
+        let mut largest = [0.0_f64; 8];
         with_count!(self.group.count, C, {
             for (w, &row) in self.work.iter_mut().zip(self.order) {
                 let b = data[row as usize * k + self.group.from..].first_chunk::<C>().expect("C columns");
                 *w = S::Row::default();
-                w.as_mut().iter_mut().zip(b).for_each(|(w, &b)| *w = S::T::from_f64(b));
+                for c in 0..C {
+                    w.as_mut()[c] = S::T::from_f64(b[c] * self.scale);
+                    largest[c] = if b[c].abs() > largest[c] { b[c].abs() } else { largest[c] };
+                }
             }
         });
+        largest.into_iter().fold(0.0, f64::max)
     }
 }
 
@@ -98,11 +119,12 @@ impl<'a> Output<'a> {
     }
 }
 
-/// Row `order[i]` of the block := work[i]. Returns whether all of `work` was finite.
+/// Row `order[i]` of the block := scale times work[i]. Returns whether all of `work` was finite.
 pub struct Scatter<'a, S: Shape> {
     order: &'a [u32],
     block: &'a Output<'a>,
     group: Group,
+    scale: f64,
     work: &'a [S::Row],
 }
 
@@ -111,8 +133,14 @@ impl<'a, S: Shape> Scatter<'a, S> {
     ///
     /// # Safety
     /// No other thread writes to the rows in `order` while this runs.
-    pub unsafe fn new(order: &'a [u32], block: &'a Output<'a>, group: Group, work: &'a [S::Row]) -> Self {
-        Self { order, block, group, work }
+    pub unsafe fn new(
+        order: &'a [u32],
+        block: &'a Output<'a>,
+        group: Group,
+        scale: f64,
+        work: &'a [S::Row],
+    ) -> Self {
+        Self { order, block, group, scale, work }
     }
 }
 
@@ -131,7 +159,7 @@ impl<S: Shape> Kernel for Scatter<'_, S> {
                 assert!(at + C <= len, "row {row} is outside of the block");
                 // SAFETY: in bounds; the row is this thread's alone by the promise of `new`.
                 let x = unsafe { &mut *data.add(at).cast::<[f64; C]>() };
-                x.iter_mut().zip(w.as_ref()).for_each(|(x, w)| *x = w.to_f64());
+                x.iter_mut().zip(w.as_ref()).for_each(|(x, w)| *x = w.to_f64() * self.scale);
             }
         });
         let mut lanes = S::Row::default();

@@ -7,69 +7,78 @@
 mod engine;
 mod front;
 mod gather;
+mod harmonic;
+mod method;
 mod numeric;
 mod panels;
+mod refine;
 mod supernodes;
 mod sweep;
 mod symbolic;
 mod tasks;
+#[cfg(test)]
+mod tests;
 
-use crate::backend::{Backend, Description, Factor, Footprint, Phase, PrepareOptions, Solved};
+use crate::backend::{Backend, Description, Factor, Footprint, Harmonic, Phase, PrepareOptions, Solved};
 use crate::columns::Columns;
+use crate::dirichlet::{Dirichlet, ReducedHarmonic};
 use crate::error::{PrepareError, SolveError, Unavailable};
 use crate::isa::Isa;
-use crate::lanes::Lanes;
 use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
 use crate::sparse::inverse_permutation;
 use crate::system::System;
-use engine::{Engine, in_groups};
 use gather::{Dense, Output};
+use harmonic::HarmonicField;
+use method::{Method, Plan, Single};
+use refine::Refined;
 use std::marker::PhantomData;
 use std::sync::Arc;
 use symbolic::Symbolic;
 
 /// Opens `framechol-f64`: stored and swept in f64.
 pub fn open_f64(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<f64>::new(options)))
+    Ok(Box::new(FrameChol::<Single<f64>>::new(options)))
 }
 
 /// Opens `framechol-f32`: factored in f64, stored and swept in f32.
 pub fn open_f32(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<f32>::new(options)))
+    Ok(Box::new(FrameChol::<Single<f32>>::new(options)))
 }
 
-struct FrameChol<T> {
+/// Opens `framechol-mixed`: stored and swept in f32, refined with residuals in f64.
+pub fn open_mixed(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    Ok(Box::new(FrameChol::<Refined>::new(options)))
+}
+
+struct FrameChol<M> {
     isa: Isa,
     threads: usize,
-    stored: PhantomData<fn() -> T>,
+    method: PhantomData<fn() -> M>,
 }
 
-impl<T: Lanes> FrameChol<T> {
+impl<M: Method> FrameChol<M> {
     fn new(options: &OpenOptions<'_>) -> Self {
-        Self { isa: Isa::best(), threads: options.threads, stored: PhantomData }
-    }
-}
-
-impl<T: Lanes> Backend for FrameChol<T> {
-    fn describe(&self) -> Description {
-        Description { details: vec![("isa", self.isa.name().into())], ..Description::cpu(self.threads) }
+        Self { isa: Isa::best(), threads: options.threads, method: PhantomData }
     }
 
-    fn prepare(
+    /// Orders, analyses and factors `system`; `source` as in [`Plan`]. Returns the method and the elimination order.
+    fn factorise(
         &self,
         system: &System,
+        source: Option<&[u32]>,
+        values: &[f64],
         options: &PrepareOptions<'_>,
         on: &mut dyn FnMut(Phase),
-    ) -> Result<Box<dyn Factor>, PrepareError> {
+    ) -> Result<(M, Arc<[u32]>), PrepareError> {
         assert!(options.max_columns > 0, "max_columns: at least 1");
         on(Phase::Order);
         let matrix = system.matrix();
         let graph = Graph::from_triangle_of_matrix(matrix.row_starts(), matrix.columns());
-        let (order, name) = match options.order {
+        let (order, ordering) = match options.order {
             Some(order) => {
                 assert_eq!(order.len(), matrix.n(), "order: one entry per row");
-                inverse_permutation(order);
+                inverse_permutation(order); // panics where a row is missing
                 (order.to_vec(), "given")
             }
             None => {
@@ -80,37 +89,60 @@ impl<T: Lanes> Backend for FrameChol<T> {
         on(Phase::Symbolic);
         let symbolic = Symbolic::new(matrix, &graph, &order, self.threads);
         drop((graph, order));
-        let lanes = if options.max_columns > 4 { 8 } else { 4 };
         let order = Arc::clone(&symbolic.order);
-        let mut handle = Handle::<T> { engine: Engine::new(self.isa, symbolic, lanes, name, |_| ())?, order };
-        handle.update_values(matrix.values(), on)?;
-        Ok(Box::new(handle))
+        let max_columns = options.max_columns;
+        let mut method = M::new(Plan { isa: self.isa, symbolic, matrix, source, max_columns, ordering })?;
+        on(Phase::Numeric);
+        method.factorise(values)?;
+        Ok((method, order))
     }
 }
 
-/// A factored system: one sweep pair per solve.
-struct Handle<T> {
-    engine: Engine<T, ()>,
+impl<M: Method> Backend for FrameChol<M> {
+    fn describe(&self) -> Description {
+        Description { details: vec![("isa", self.isa.name().into())], ..Description::cpu(self.threads) }
+    }
+
+    fn prepare(
+        &self,
+        system: &System,
+        options: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Box<dyn Factor>, PrepareError> {
+        let (method, order) = self.factorise(system, None, system.matrix().values(), options, on)?;
+        Ok(Box::new(Handle { method, order }))
+    }
+
+    fn prepare_harmonic(
+        &self,
+        problem: &Dirichlet,
+        options: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Box<dyn Harmonic>, PrepareError> {
+        let Some(system) = problem.system() else {
+            return Ok(Box::new(ReducedHarmonic::new(problem.clone(), None, options.max_columns)));
+        };
+        let values = problem.laplacian().values();
+        let (method, order) = self.factorise(system, Some(problem.source()), values, options, on)?;
+        Ok(Box::new(HarmonicField::new(problem, method, &order)))
+    }
+}
+
+/// A factored system.
+struct Handle<M> {
+    method: M,
     /// Row eliminated k-th.
     order: Arc<[u32]>,
 }
 
-impl<T: Lanes> Factor for Handle<T> {
+impl<M: Method> Factor for Handle<M> {
     fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
         let (n, k) = (self.order.len(), rhs.k());
         assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
-        let rows = &self.order[..];
-        let source = Dense { order: rows, block: rhs };
-        let out = Output::new(&mut x);
-        let finite = in_groups(k, self.engine.widest(), |group| {
-            if group.count > 4 {
-                self.engine.frame::<T::Eight>(&source, rows, &out, group)
-            } else {
-                self.engine.frame::<T::Four>(&source, rows, &out, group)
-            }
-        });
-        if finite {
-            Ok(Solved::default())
+        let source = Dense { order: &self.order, block: rhs };
+        let answer = self.method.solve(&source, &self.order, &Output::new(&mut x), k);
+        if answer.finite {
+            Ok(Solved { iterations: answer.pairs, ..Solved::default() })
         } else {
             Err(SolveError::NonFinite { row: first_bad_row(rhs, x.view()) })
         }
@@ -118,7 +150,7 @@ impl<T: Lanes> Factor for Handle<T> {
 
     fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
         on(Phase::Numeric);
-        self.engine.factorise(values)
+        self.method.factorise(values)
     }
 
     fn permutation(&self) -> Option<&[u32]> {
@@ -126,7 +158,7 @@ impl<T: Lanes> Factor for Handle<T> {
     }
 
     fn footprint(&self) -> Footprint {
-        self.engine.footprint()
+        self.method.footprint()
     }
 }
 

@@ -93,6 +93,8 @@ pub struct FactorPart<'a, T> {
     pub part: &'a Part,
     /// Values of the matrix, by stored entry.
     pub values: &'a [f64],
+    /// Factor of all values, a power of two.
+    pub scale: f64,
     /// Parts whose roots hang below this one, with their workspaces; for the top.
     pub below: &'a (dyn Fn(usize) -> (&'a Part, &'a Workspace) + 'a),
     /// Memory.
@@ -106,10 +108,10 @@ impl<T: Real> Kernel for FactorPart<'_, T> {
 
     #[inline(always)]
     fn run<F: Features>(self) -> Self::Output {
-        let Self { part, values, below, work, out } = self;
+        let Self { part, values, scale, below, work, out } = self;
         work.waiting.clear();
         for s in 0..part.len() {
-            work.assemble(part, s, values);
+            work.assemble(part, s, values, scale);
             work.add_children(part, s, below);
             let shape = part.shape(s);
             let panel = &mut work.panel[..shape.panel_len()];
@@ -128,14 +130,14 @@ impl<T: Real> Kernel for FactorPart<'_, T> {
 
 impl Workspace {
     /// Clears the front of supernode `s`, enters its matrix entries and numbers its rows.
-    fn assemble(&mut self, part: &Part, s: usize, values: &[f64]) {
+    fn assemble(&mut self, part: &Part, s: usize, values: &[f64], scale: f64) {
         let shape = part.shape(s);
         self.panel[..shape.panel_len()].fill(0.0);
         self.update[..shape.update_len()].fill(0.0);
         for &(source, place) in
             &part.entries[part.entry_starts[s] as usize..part.entry_starts[s + 1] as usize]
         {
-            self.panel[place as usize] = values[source as usize];
+            self.panel[place as usize] = scale * values[source as usize];
         }
         for (slot, row) in (part.starts[s]..part.starts[s + 1]).enumerate() {
             self.slot[row as usize] = slot as u32;

@@ -54,6 +54,12 @@ impl Panel {
     }
 }
 
+/// Panels on the paths from some rows to the roots, per part: ascending.
+pub struct Reach {
+    /// For every thread, then for the top.
+    pub panels: Vec<Vec<u32>>,
+}
+
 /// The panels of one part in elimination order, with numbers in T.
 pub struct Panels<T> {
     /// Every panel, children before parents.
@@ -96,6 +102,25 @@ impl<T: Real> Panels<T> {
         }
         let (values, diagonal) = (vec![T::default(); values], vec![T::default(); diagonal]);
         Self { list, rows, values, diagonal, starts }
+    }
+
+    /// Panels on the paths from the pivots `rows` (local numbers) upwards, within the part. Rows of the top that they reach
+    /// are appended to `leave`.
+    pub fn reach(&self, rows: impl Iterator<Item = u32>, leave: &mut Vec<u32>) -> Vec<u32> {
+        let of = |row: u32| self.list.partition_point(|p| p.first + p.width <= row);
+        let mut reached = vec![false; self.list.len() + 1]; // the last one stands for the top
+        rows.for_each(|row| reached[of(row)] = true);
+        for at in 0..self.list.len() {
+            // The first row below is the parent's pivot; the others lie on its path.
+            if let (true, Some(&parent)) = (reached[at], self.rows[self.list[at].rows()].first()) {
+                let parent = of(parent);
+                reached[parent] = true;
+                if parent == self.list.len() {
+                    leave.extend_from_slice(&self.rows[self.list[at].rows()]);
+                }
+            }
+        }
+        (0..self.list.len() as u32).filter(|&at| reached[at as usize]).collect()
     }
 
     /// Bytes of the panels: numbers, row indices and headers.

@@ -47,6 +47,8 @@ pub struct Part {
     pub entry_starts: Vec<u32>,
     /// (stored entry of the matrix, place in the front's panel).
     pub entries: Vec<(u32, u32)>,
+    /// Stored entry of the diagonal of every pivot.
+    pub diagonal: Vec<u32>,
 }
 
 impl Part {
@@ -63,7 +65,8 @@ impl Part {
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
         let words = self.starts.len() + self.row_starts.len() + self.rows.len() + self.entry_starts.len();
-        (4 * (words + self.parent.len() + self.children.len()) + size_of_val(&self.entries[..])) as u64
+        (4 * (words + self.parent.len() + self.children.len() + self.diagonal.len())
+            + size_of_val(&self.entries[..])) as u64
     }
 
     /// Rows of supernode `s` below its pivots.
@@ -244,6 +247,7 @@ impl Structure {
             adopted: if is_top { vec![Vec::new(); own.len()] } else { Vec::new() },
             entry_starts: vec![0],
             entries: Vec::new(),
+            diagonal: Vec::new(),
         };
         let mut front_row = vec![0; numbering.order.len()];
         for (i, &s) in own.iter().enumerate() {
@@ -277,6 +281,9 @@ impl Structure {
             let column = (first + j) as usize;
             let range = self.column_starts[column] as usize..self.column_starts[column + 1] as usize;
             for &(row, source) in &self.entries[range] {
+                if row as usize == column {
+                    out.diagonal.push(source);
+                }
                 let slot = if row < first + width {
                     (row - first) as usize
                 } else {

@@ -1,0 +1,114 @@
+//! How a factored matrix answers a right-hand side: by one sweep pair, or by refined ones.
+use super::engine::{Engine, groups, power_of_two};
+use super::gather::{Group, Output, Source};
+use super::panels::Reach;
+use super::symbolic::Symbolic;
+use crate::backend::Footprint;
+use crate::error::PrepareError;
+use crate::isa::Isa;
+use crate::lanes::Lanes;
+use crate::sparse::SymmetricCsr;
+
+/// What a method is made from.
+pub struct Plan<'a> {
+    /// Instruction set of the kernels.
+    pub isa: Isa,
+    /// Structure of the factor.
+    pub symbolic: Symbolic,
+    /// The matrix it was made for (its pattern counts).
+    pub matrix: &'a SymmetricCsr,
+    /// Where the values of the matrix's stored entries will be found; `None`: in their own order.
+    pub source: Option<&'a [u32]>,
+    /// The most columns of a solve.
+    pub max_columns: usize,
+    /// Name of the ordering.
+    pub ordering: &'static str,
+}
+
+impl Plan<'_> {
+    /// Numbers per row of the slabs: one register of four columns, or of eight.
+    pub fn lanes(&self) -> usize {
+        if self.max_columns > 4 { 8 } else { 4 }
+    }
+}
+
+/// A factored matrix and a way to solve with it.
+pub trait Method: Send + Sized + 'static {
+    /// Allocates everything; nothing is factored yet.
+    ///
+    /// # Errors
+    /// Where threads or memory cannot be had.
+    fn new(plan: Plan<'_>) -> Result<Self, PrepareError>;
+
+    /// Numeric factorisation.
+    ///
+    /// # Errors
+    /// As [`crate::backend::Factor::update_values`], with rows of the matrix.
+    fn factorise(&mut self, values: &[f64]) -> Result<(), PrepareError>;
+
+    /// Solves for k columns of `source`; position p of the elimination order goes to row `rows[p]` of `x`.
+    fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer;
+
+    /// Bytes held and moved.
+    fn footprint(&self) -> Footprint;
+
+    /// The panels that a right-hand side with these non-zero positions reaches in the forward sweep.
+    fn reach(&self, positions: impl Iterator<Item = u32>) -> Reach;
+}
+
+/// How a solve went.
+#[derive(Clone, Copy)]
+pub struct Answer {
+    /// Whether the solution is finite.
+    pub finite: bool,
+    /// Sweep pairs, where there was a choice.
+    pub pairs: Option<u32>,
+}
+
+/// One sweep pair in the factor's own numbers.
+pub struct Single<T> {
+    engine: Engine<T, ()>,
+}
+
+impl<T: Lanes> Method for Single<T> {
+    fn new(mut plan: Plan<'_>) -> Result<Self, PrepareError> {
+        let lanes = plan.lanes();
+        if let Some(source) = plan.source {
+            plan.symbolic.redirect(source);
+        }
+        Ok(Self { engine: Engine::new(plan.isa, plan.symbolic, lanes, plan.ordering, |_| ())? })
+    }
+
+    fn factorise(&mut self, values: &[f64]) -> Result<(), PrepareError> {
+        self.engine.factorise(values)
+    }
+
+    fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer {
+        let widest = self.engine.widest();
+        let mut frame = |scale, group: Group| {
+            if group.count > 4 {
+                self.engine.frame::<T::Eight>(source, scale, rows, x, group)
+            } else {
+                self.engine.frame::<T::Four>(source, scale, rows, x, group)
+            }
+        };
+        let mut finite = true;
+        for group in groups(k, widest) {
+            let seen = frame(1.0, group);
+            finite &= if seen.largest == 0.0 || T::COMFORTABLE.contains(&seen.largest) {
+                seen.finite
+            } else {
+                frame(1.0 / power_of_two(seen.largest), group).finite
+            };
+        }
+        Answer { finite, pairs: None }
+    }
+
+    fn footprint(&self) -> Footprint {
+        self.engine.footprint()
+    }
+
+    fn reach(&self, positions: impl Iterator<Item = u32>) -> Reach {
+        self.engine.reach(positions)
+    }
+}
