@@ -13,6 +13,7 @@ use lapsolve::mass::{self, Mass};
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{self, Entry, OpenOptions};
 use lapsolve::sparse::SymmetricCsr;
+use lapsolve::workload::harmonic::{COLUMNS, Constraints, DEFAULT_CONSTRAINTS, default_values};
 use serde_json::Value;
 use tests::needs;
 
@@ -22,6 +23,8 @@ const EVERY_BACKEND_UP_TO: usize = 1_000;
 const AREA_LIMIT: f64 = 1e-10;
 /// Difference between two solutions of the same deformation, in diagonals.
 const ARAP_LIMIT: f64 = 1e-9;
+/// Difference between two unit quaternions of the same formula: a few roundings of sines and products.
+const VALUE_LIMIT: f64 = 1e-14;
 
 fn golden_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../reference/golden")
@@ -134,6 +137,24 @@ fn compare_harmonic(golden: &Value, mesh: &TriangleMesh, l: &SymmetricCsr, backe
     wrong
 }
 
+/// The default constraints of the `harmonic` workload: the vertices exactly, their values to rounding.
+fn compare_default_constraints(golden: &Value, mesh: &TriangleMesh, l: &SymmetricCsr) -> Vec<String> {
+    let theirs = rows(&golden["harmonic"]["constraints"]);
+    let vertices = Constraints::sample(mesh, l, DEFAULT_CONSTRAINTS).default_set();
+    if !vertices.iter().map(|&v| f64::from(v)).eq(theirs.iter().map(|row| row[0])) {
+        return vec![format!("other default constraints: {vertices:?}")];
+    }
+    let mut wrong = Vec::new();
+    let values = default_values(mesh, &vertices);
+    for (ours, row) in values.chunks_exact(COLUMNS).zip(&theirs) {
+        for (column, (&ours, &theirs)) in ours.iter().zip(&row[1..]).enumerate() {
+            let what = format!("default value of vertex {} column {column}", row[0]);
+            compare(&mut wrong, what, ours, theirs, VALUE_LIMIT, 1.0);
+        }
+    }
+    wrong
+}
+
 /// The surface area, and the first iteration of as-rigid-as-possible deformation: its rotations are identities, so the
 /// positions move by the field that is harmonic, for weights clamped per edge, off the handles.
 fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
@@ -213,6 +234,7 @@ fn compare_mesh(golden: &Value, path: &Path) -> Vec<String> {
         &mass::lumped(mesh, Mass::Barycentric),
         &mass::lumped(mesh, Mass::Voronoi),
     ));
+    wrong.extend(compare_default_constraints(golden, mesh, &l));
     wrong.extend(compare_open3d(golden, mesh));
     let small = l.n() <= EVERY_BACKEND_UP_TO;
     for backend in registry::BACKENDS.iter().filter(|backend| small || backend.id == "faer-llt") {
