@@ -163,6 +163,17 @@ impl SymmetricCsr {
         &mut self.values
     }
 
+    /// A + diag(d), in place.
+    ///
+    /// # Panics
+    /// If `diagonal` has not one entry per row.
+    pub fn add_diagonal(&mut self, diagonal: &[f64]) {
+        assert_eq!(diagonal.len(), self.n(), "diagonal: one entry per row");
+        for (&start, d) in self.row_starts.iter().zip(diagonal) {
+            self.values[start as usize] += d;
+        }
+    }
+
     /// Range of row `i` in `columns` and `values`.
     pub fn row_range(&self, i: usize) -> std::ops::Range<usize> {
         self.row_starts[i] as usize..self.row_starts[i + 1] as usize

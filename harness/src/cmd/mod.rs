@@ -14,6 +14,7 @@ pub mod render;
 pub mod run;
 pub mod schema;
 pub mod solve;
+pub mod validate;
 
 use crate::exit::Exit;
 use clap::{Parser, Subcommand};
@@ -39,6 +40,7 @@ pub struct Cli {
 enum Command {
     Run(Box<run::Args>),
     Solve(solve::Args),
+    Validate(validate::Args),
     Matrix(matrix::Args),
     Render(render::Args),
     Compare(compare::Args),
@@ -101,6 +103,7 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
     match command {
         Command::Run(args) => run::run(&args, context),
         Command::Solve(args) => solve::run(&args, context),
+        Command::Validate(args) => validate::run(&args, context),
         Command::Matrix(args) => matrix::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Compare(args) => compare::run(&args),

@@ -4,7 +4,6 @@
 //! units. Entries grow like (edge length)^-4 at k = 3 against M's (edge length)^2, so that f64 itself runs out: from
 //! k = 2 on only backward errors are judged, and a factorisation at k = 3 may rightly fail.
 
-use super::screened::add_diagonal;
 use super::vertex_system::VertexSystem;
 use crate::mesh::TriangleMesh;
 use crate::sparse::SymmetricCsr;
@@ -40,7 +39,7 @@ pub fn system(
         power = power.times_inverse_mass_times(mass, &stiffness);
     }
     let mut matrix = power.upper();
-    add_diagonal(&mut matrix, mass);
+    matrix.add_diagonal(mass);
     VertexSystem::new(matrix, mesh.positions())
 }
 

@@ -34,7 +34,7 @@ pub fn system(
     let t = tau * mass.iter().sum::<f64>() / stiffness; // the numbers of vertices cancel
     let mut matrix = laplacian.clone();
     matrix.values_mut().iter_mut().for_each(|v| *v *= t);
-    add_diagonal(&mut matrix, mass);
+    matrix.add_diagonal(mass);
     VertexSystem::new(matrix, mesh.positions())
 }
 
@@ -46,12 +46,4 @@ pub fn right_hand_side(system: &VertexSystem, mass: &[f64], f: Columns<&[f64]>) 
         row.iter_mut().for_each(|x| *x *= mass[v as usize]);
     }
     b
-}
-
-/// A + diag(d).
-pub(super) fn add_diagonal(matrix: &mut SymmetricCsr, diagonal: &[f64]) {
-    let (starts, _, values) = matrix.parts_mut();
-    for (&start, d) in starts.iter().zip(diagonal) {
-        values[start as usize] += d;
-    }
 }

@@ -1,0 +1,165 @@
+//! What is validated: a backend together with the discretisation that feeds it.
+
+use super::finding::{Findings, Level, Outcome};
+use lapsolve::backend::{Backend, PrepareOptions, TransferFrame};
+use lapsolve::columns::Columns;
+use lapsolve::dirichlet::{Dirichlet, DirichletError};
+use lapsolve::error::{PrepareError, SolveError, Unavailable};
+use lapsolve::laplacian::{Laplacian, Weights};
+use lapsolve::limits::Limits;
+use lapsolve::mass::{self, Mass};
+use lapsolve::mesh::TriangleMesh;
+use lapsolve::registry::{Accuracy, Entry, OpenOptions, Precision};
+use lapsolve::sparse::SymmetricCsr;
+use lapsolve::system::System;
+use lapsolve::workload::transfer::{self, TransferError, TransferProblem};
+
+/// From meshes to matrices. The functions of lapsolve, or broken ones that the checks must notice.
+#[derive(Clone, Copy)]
+pub struct Discretisation {
+    /// L with plain weights.
+    pub laplacian: fn(&TriangleMesh) -> SymmetricCsr,
+    /// Diagonal of M.
+    pub mass: fn(&TriangleMesh, Mass) -> Vec<f64>,
+    /// L with one vertex fixed in every component.
+    pub ground: fn(SymmetricCsr, &[[f64; 3]]) -> Result<Dirichlet, DirichletError>,
+}
+
+impl Discretisation {
+    /// What lapsolve does.
+    pub const TRUE: Self = Self {
+        laplacian: |mesh| Laplacian::assemble(mesh, Weights::Plain).into_matrix(),
+        mass: mass::lumped,
+        ground: |l, positions| Dirichlet::grounded(l, Some(positions)),
+    };
+}
+
+/// A backend under validation.
+pub struct Subject {
+    /// Its name.
+    pub id: String,
+    /// What its answers are held to.
+    pub limits: Limits,
+    /// Whether exact answers are held to the stricter limits of direct f64 solvers.
+    pub exact: bool,
+    /// The largest system it takes.
+    pub max_unknowns: Option<usize>,
+    /// The backend itself.
+    pub backend: Box<dyn Backend>,
+    /// What feeds it.
+    pub discretisation: Discretisation,
+}
+
+/// Why there is no answer.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NoAnswer {
+    /// The backend does not take this.
+    Unsupported(String),
+    /// It says that it did not converge.
+    NotConverged(String),
+    /// Anything else.
+    Failed(String),
+}
+
+impl NoAnswer {
+    /// Records it: a failure fails the check; not converging does where `must_converge`.
+    pub fn record(self, findings: &mut Findings, level: Level, check: &'static str, must_converge: bool) {
+        let (outcome, why) = match self {
+            NoAnswer::Unsupported(why) => (Outcome::Skipped, why),
+            NoAnswer::NotConverged(why) if !must_converge => (Outcome::NotConverged, why),
+            NoAnswer::NotConverged(why) | NoAnswer::Failed(why) => (Outcome::Failed, why),
+        };
+        findings.note(level, check, outcome, why);
+    }
+}
+
+impl From<PrepareError> for NoAnswer {
+    fn from(error: PrepareError) -> Self {
+        match error {
+            PrepareError::Unsupported { what } => NoAnswer::Unsupported(what),
+            other => NoAnswer::Failed(other.to_string()),
+        }
+    }
+}
+
+impl From<SolveError> for NoAnswer {
+    fn from(error: SolveError) -> Self {
+        match error {
+            SolveError::NotConverged { .. } => NoAnswer::NotConverged(error.to_string()),
+            other => NoAnswer::Failed(other.to_string()),
+        }
+    }
+}
+
+impl From<DirichletError> for NoAnswer {
+    fn from(error: DirichletError) -> Self {
+        NoAnswer::Failed(error.to_string())
+    }
+}
+
+impl From<TransferError> for NoAnswer {
+    fn from(error: TransferError) -> Self {
+        match error {
+            TransferError::Prepare(error) => error.into(),
+            other => NoAnswer::Failed(other.to_string()),
+        }
+    }
+}
+
+impl Subject {
+    /// Opens a backend of the registry with one thread and the tolerance `tolerance`.
+    ///
+    /// # Errors
+    /// [`Unavailable`] where it cannot be opened here.
+    pub fn open(entry: &Entry, options: &OpenOptions<'_>) -> Result<Self, Unavailable> {
+        Ok(Self {
+            id: entry.id.to_owned(),
+            limits: Limits::of(entry.precision, entry.accuracy, options.tolerance),
+            exact: entry.precision == Precision::F64 && entry.accuracy == Accuracy::Direct,
+            max_unknowns: entry.max_unknowns,
+            backend: (entry.open)(options)?,
+            discretisation: Discretisation::TRUE,
+        })
+    }
+
+    /// L of `mesh`.
+    pub fn laplacian(&self, mesh: &TriangleMesh) -> SymmetricCsr {
+        (self.discretisation.laplacian)(mesh)
+    }
+
+    /// Whether a system of `unknowns` is within what it takes.
+    pub fn takes(&self, unknowns: usize) -> bool {
+        self.max_unknowns.is_none_or(|most| unknowns <= most)
+    }
+
+    /// Solves A x = b from x = 0.
+    ///
+    /// # Errors
+    /// [`NoAnswer`].
+    pub fn solve(&self, system: &System, rhs: Columns<&[f64]>) -> Result<Vec<f64>, NoAnswer> {
+        let mut factor = self.backend.prepare(system, &PrepareOptions::columns(rhs.k()), &mut |_| {})?;
+        let mut x = vec![0.0; rhs.n() * rhs.k()];
+        factor.solve(rhs, Columns::new(&mut x, rhs.n(), rhs.k()))?;
+        Ok(x)
+    }
+
+    /// The harmonic field of `values` (|C| x k) over all vertices.
+    ///
+    /// # Errors
+    /// [`NoAnswer`].
+    pub fn harmonic(&self, problem: &Dirichlet, values: Columns<&[f64]>) -> Result<Vec<f64>, NoAnswer> {
+        let (n, k) = (problem.laplacian().n(), values.k());
+        let mut handle = self.backend.prepare_harmonic(problem, &PrepareOptions::columns(k), &mut |_| {})?;
+        let mut field = vec![0.0; n * k];
+        handle.solve(values, Columns::new(&mut field, n, k))?;
+        Ok(field)
+    }
+
+    /// Prepared frames of `problem`.
+    ///
+    /// # Errors
+    /// [`NoAnswer`].
+    pub fn transfer(&self, problem: &TransferProblem) -> Result<Box<dyn TransferFrame>, NoAnswer> {
+        Ok(transfer::prepare(&*self.backend, problem, &PrepareOptions::columns(4), &mut |_| {})?)
+    }
+}
