@@ -110,7 +110,7 @@ fn an_unreadable_mesh_is_an_error_row_and_the_others_still_run() {
 
 #[test]
 fn an_unwritable_result_is_found_before_anything_is_measured() {
-    for out in ["/no/such/folder/r.json", "/dev/full", "/"] {
+    for out in ["/proc/no/such/folder", "/dev/full", "/dev/null/r.json", "/"] {
         let begin = std::time::Instant::now();
         let output = lapbench(&format!("run --mesh body:294000 --backend dense --out {out}"));
         assert_eq!(output.status.code(), Some(1), "{out}");

@@ -12,6 +12,7 @@ use clap::ValueEnum;
 use lapsolve::laplacian::{Laplacian, Weights};
 use lapsolve::mass::{self, Mass};
 use lapsolve::mesh::TriangleMesh;
+use lapsolve::registry::Entry;
 use lapsolve::sparse::SymmetricCsr;
 use std::path::PathBuf;
 
@@ -59,13 +60,13 @@ fn which(text: &str) -> Result<Which, String> {
 ///
 /// # Errors
 /// A mesh that cannot be read, a system that is not acceptable, or a place that is not writable.
-pub fn run(args: &Args) -> Outcome {
+pub fn run(args: &Args, context: &super::Context) -> Outcome {
     let source = Name::Mesh(args.mesh.clone()).load(args.inputs.subdivide)?;
     let Content::Mesh(mesh) = &source.content else { unreachable!("a mesh was asked for") };
     let matrix = match args.which {
         Which::Stiffness => Laplacian::assemble(mesh, Weights::Plain).into_matrix(),
         Which::Mass(kind) => diagonal(&mass::lumped(mesh, kind))?,
-        Which::System(workload) => system(workload, mesh, &args.inputs)?,
+        Which::System(workload) => system(workload, mesh, &args.inputs, &context.backends)?,
     };
     let symmetry = if args.general { Symmetry::General } else { Symmetry::Symmetric };
     matrix_market::write(&args.out, &matrix, symmetry)?;
@@ -78,8 +79,13 @@ fn diagonal(entries: &[f64]) -> anyhow::Result<SymmetricCsr> {
         .context("a diagonal matrix")
 }
 
-fn system(workload: Workload, mesh: &TriangleMesh, inputs: &Inputs) -> anyhow::Result<SymmetricCsr> {
-    let equations = task::equations(workload, &Content::Mesh(mesh.clone()), inputs)?;
+fn system(
+    workload: Workload,
+    mesh: &TriangleMesh,
+    inputs: &Inputs,
+    backends: &[Entry],
+) -> anyhow::Result<SymmetricCsr> {
+    let equations = task::equations(workload, &Content::Mesh(mesh.clone()), inputs, backends)?;
     let (system, _) = equations.reduced().context("every vertex is constrained: there is no system")?;
     Ok(system.matrix().clone())
 }

@@ -104,7 +104,7 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Run(args) => run::run(&args, context),
         Command::Solve(args) => solve::run(&args, context),
         Command::Validate(args) => validate::run(&args, context),
-        Command::Matrix(args) => matrix::run(&args),
+        Command::Matrix(args) => matrix::run(&args, context),
         Command::Render(args) => render::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Doctor(args) => doctor::run(&args, context),

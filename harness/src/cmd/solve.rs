@@ -71,8 +71,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let reason = cell.reason.unwrap_or_default();
     match (cell.status, solution) {
         (Status::Ok, Some(x)) => {
-            let k = task.check.equations.columns();
-            write(&args.out, &task.on_vertices(&x), k)?;
+            write(&args.out, &task.on_vertices(x), task.columns())?;
             Ok(Exit::Ok)
         }
         (Status::Invalid, _) => {

@@ -15,6 +15,18 @@ pub struct Inputs {
     /// Columns of the default right-hand side
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub columns: Option<u32>,
+    /// Template of `transfer` in its reference pose [default: the mesh itself before subdivision]
+    #[arg(long, value_name = "MESH")]
+    pub template: Option<String>,
+    /// Motion of the template: frames x vertices x 3, or a folder of meshes [default: a twist; for bodies a walk]
+    #[arg(long, value_name = "FILE.npy|FOLDER")]
+    pub frames: Option<PathBuf>,
+    /// Corresponding triangles of `transfer`: rows `template, target`
+    #[arg(long, value_name = "FILE.csv", requires = "template")]
+    pub correspondences: Option<PathBuf>,
+    /// Most correspondences that are used, spread over the target
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub max_marks: Option<u32>,
     /// tau of `screened`: 1e-4 is nearly the mass matrix, 1e6 nearly the singular Laplacian
     #[arg(long, value_name = "TAU", default_value_t = lapsolve::workload::screened::DEFAULT_TAU)]
     pub tau: f64,

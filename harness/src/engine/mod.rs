@@ -8,6 +8,7 @@ pub mod check;
 pub mod child;
 pub mod equations;
 pub mod inputs;
+pub mod motion;
 pub mod plan;
 pub mod protocol;
 pub mod rounds;

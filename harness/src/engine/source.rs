@@ -1,5 +1,6 @@
 //! What cells are solved on: meshes and matrices by name.
 
+use crate::body::Build;
 use crate::environment::hexadecimal;
 use crate::mesh_io::{Loaded, matrix_market};
 use crate::mesh_source;
@@ -21,6 +22,10 @@ pub struct Source {
     pub load_ns: u64,
     /// The thing itself.
     pub content: Content,
+    /// The mesh before subdivision, where it was subdivided.
+    pub unsubdivided: Option<TriangleMesh>,
+    /// Which generated human it is, if one: it has a template that walks.
+    pub body: Option<Build>,
 }
 
 /// What a source holds.
@@ -62,6 +67,7 @@ impl Name {
     /// What the reader says, naming the file; or a subdivision that would not fit.
     pub fn load(&self, subdivide: u32) -> anyhow::Result<Source> {
         let begin = Instant::now();
+        let mut unsubdivided = None;
         let (content, sha256, notes) = match self {
             Name::Mesh(name) => {
                 let Loaded { mesh, notes, sha256, .. } = mesh_source::load(name)?;
@@ -90,7 +96,17 @@ impl Name {
         };
         let name = self.recorded(subdivide);
         let record = Mesh { name, triangles, vertices: Some(vertices), sha256: Some(sha256) };
-        Ok(Source { record, load_ns, content })
+        let body = if subdivide == 0 { self.body() } else { None };
+        Ok(Source { record, load_ns, content, unsubdivided, body })
+    }
+
+    fn body(&self) -> Option<Build> {
+        let Name::Mesh(name) = self else { return None };
+        match name.split_once(':')?.0 {
+            "body" => Some(Build::Male),
+            "body-female" => Some(Build::Female),
+            _ => None,
+        }
     }
 }
 

@@ -7,6 +7,10 @@ use clap::ValueEnum;
 pub enum Workload {
     /// Harmonic field from values at 50 vertices: L u = 0 on the free vertices
     Harmonic,
+    /// Whole frames: a moving template drives the mesh (harmonic rotations, then L x = U)
+    Transfer,
+    /// L x = U with the right-hand side of a transfer frame
+    Poisson,
     /// Screened Poisson (M + t L) u = M x
     Screened,
     /// (L + M) u = M x, the public benchmark's k = 1
@@ -24,13 +28,23 @@ pub enum Workload {
 
 impl Workload {
     /// All workloads.
-    pub const ALL: [Self; 6] =
-        [Self::Harmonic, Self::Screened, Self::Kharmonic1, Self::Kharmonic2, Self::Kharmonic3, Self::Matrix];
+    pub const ALL: [Self; 8] = [
+        Self::Harmonic,
+        Self::Transfer,
+        Self::Poisson,
+        Self::Screened,
+        Self::Kharmonic1,
+        Self::Kharmonic2,
+        Self::Kharmonic3,
+        Self::Matrix,
+    ];
 
     /// The name on the command line and in results.
     pub fn name(self) -> &'static str {
         match self {
             Workload::Harmonic => "harmonic",
+            Workload::Transfer => "transfer",
+            Workload::Poisson => "poisson",
             Workload::Screened => "screened",
             Workload::Kharmonic1 => "kharmonic-1",
             Workload::Kharmonic2 => "kharmonic-2",

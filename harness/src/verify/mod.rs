@@ -14,6 +14,7 @@ pub mod matrix;
 pub mod motion;
 pub mod noise;
 pub mod reference;
+pub mod refined;
 pub mod solution;
 pub mod subject;
 pub mod suite;

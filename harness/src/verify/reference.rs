@@ -7,6 +7,7 @@
 use super::condition::condition_number;
 use lapsolve::backend::{Backend, Factor, PrepareOptions};
 use lapsolve::columns::Columns;
+use lapsolve::error::SolveError;
 use lapsolve::ordering::{Graph, minimum_degree};
 use lapsolve::registry::{Accuracy, Entry, OpenOptions, Precision};
 use lapsolve::residual::compensated_residual;
@@ -35,16 +36,12 @@ impl Reference {
         let own = trusted.prepare(system, None, rhs.k())?;
         let (solution, steps, condition) = {
             let mut factor = own;
-            let (x, steps) = refine(&mut *factor, system, rhs)?;
+            let (x, steps) = refine(&mut *factor, system, rhs).map_err(|error| error.to_string())?;
             (x, steps, condition_number(&mut *factor, system.matrix()))
         };
-        let graph = Graph::from_triangle_of_matrix(system.matrix().row_starts(), system.matrix().columns());
-        let mut order = minimum_degree(&graph).order;
-        if system.n() <= SMALL {
-            order.reverse(); // there both orders may well be the same
-        }
+        let order = second_order(system);
         let mut other = trusted.prepare(system, Some(&order), rhs.k())?;
-        let (second, _) = refine(&mut *other, system, rhs)?;
+        let (second, _) = refine(&mut *other, system, rhs).map_err(|error| error.to_string())?;
         let spread = largest_difference(&solution, &second);
         let description = format!("{}, refined {steps} times with a double-double residual", trusted.id);
         Ok(Self { solution, columns: rhs.k(), spread, condition, description })
@@ -87,14 +84,30 @@ const SMALL: usize = 2_000;
 /// Corrections after which refinement gives up: each gains at least a binary digit, most gain ten.
 const MOST_STEPS: usize = 60;
 
+/// An elimination order that most likely is not the backend's own.
+pub fn second_order(system: &System) -> Vec<u32> {
+    let graph = Graph::from_triangle_of_matrix(system.matrix().row_starts(), system.matrix().columns());
+    let mut order = minimum_degree(&graph).order;
+    if system.n() <= SMALL {
+        order.reverse(); // there both orders may well be the same
+    }
+    order
+}
+
 /// The backend that makes references.
-struct Trusted {
-    id: &'static str,
-    backend: Box<dyn Backend>,
+pub struct Trusted {
+    /// Its name.
+    pub id: &'static str,
+    /// The backend, on one thread.
+    pub backend: Box<dyn Backend>,
 }
 
 impl Trusted {
-    fn choose(backends: &[Entry], n: usize) -> Result<Self, String> {
+    /// The first direct f64 backend of the list that can be opened and takes `n` unknowns.
+    ///
+    /// # Errors
+    /// That there is none, in words.
+    pub fn choose(backends: &[Entry], n: usize) -> Result<Self, String> {
         let options = OpenOptions { threads: 1, ..OpenOptions::default() };
         // The textbook oracle is for small systems only; among the others the list's order decides.
         let is_direct = |e: &&Entry| {
@@ -122,20 +135,21 @@ impl Trusted {
 }
 
 /// x with A x = b by refinement, and the number of corrections.
-fn refine(
+///
+/// # Errors
+/// As [`Factor::solve`].
+pub fn refine(
     factor: &mut dyn Factor,
     system: &System,
     rhs: Columns<&[f64]>,
-) -> Result<(Vec<f64>, usize), String> {
+) -> Result<(Vec<f64>, usize), SolveError> {
     let (n, k) = (rhs.n(), rhs.k());
     let (mut x, mut residual, mut correction) = (vec![0.0; n * k], vec![0.0; n * k], vec![0.0; n * k]);
     let mut last = f64::INFINITY;
     for step in 0..MOST_STEPS {
         compensated_residual(system.matrix(), Columns::new(&x, n, k), rhs, Columns::new(&mut residual, n, k));
         correction.fill(0.0);
-        factor
-            .solve(Columns::new(&residual, n, k), Columns::new(&mut correction, n, k))
-            .map_err(|error| error.to_string())?;
+        factor.solve(Columns::new(&residual, n, k), Columns::new(&mut correction, n, k))?;
         let size = correction.iter().fold(0.0f64, |m, c| m.max(c.abs()));
         let scale = x.iter().fold(0.0f64, |m, v| m.max(v.abs()));
         // The first solve is the "correction" of zero and tells nothing about convergence.

@@ -10,7 +10,7 @@ use lapsolve::registry::{Entry, OpenOptions};
 const MESHES: [&str; 2] = ["body:50000", "body:294000"];
 
 /// Workloads of the default suite.
-const WORKLOADS: [Workload; 1] = [Workload::Harmonic];
+const WORKLOADS: [Workload; 2] = [Workload::Harmonic, Workload::Transfer];
 
 /// Backends of the default suite: of every family the first that can be opened here.
 const BACKENDS: [&[&str]; 3] =

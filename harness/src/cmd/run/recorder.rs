@@ -27,11 +27,14 @@ pub struct Recorder {
 const INTERVAL: Duration = Duration::from_secs(1);
 
 impl Recorder {
-    /// An empty result, to be written to `path`.
+    /// An empty result, to be written to `path`, whose folder is made if there is none.
     ///
     /// # Errors
-    /// None yet; [`save`](Self::save) finds out whether the place is writable.
+    /// Where the folder cannot be made; [`save`](Self::save) finds out whether it is writable.
     pub fn new(path: Option<&PathBuf>, short: bool) -> anyhow::Result<Self> {
+        if let Some(folder) = path.and_then(|p| p.parent()).filter(|f| !f.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        }
         let command: Vec<String> = std::env::args().map(|a| shell_word(&a)).collect();
         let terminal = std::io::stderr().is_terminal() && std::env::var_os("CI").is_none();
         let progress = if terminal { ProgressBar::new_spinner() } else { ProgressBar::hidden() };

@@ -4,12 +4,16 @@ use super::clock::{PhaseClock, nanoseconds};
 use super::{failed, open_loop, read_rows};
 use crate::engine::allocation;
 use crate::engine::array_file::{ArrayFile, Number};
-use crate::engine::protocol::{MatrixFiles, Problem, Refusal, Timed, Trace};
-use lapsolve::backend::{Backend, Factor, Footprint, Harmonic, PrepareOptions, Solved};
+use crate::engine::protocol::{MatrixFiles, MeshFiles, Problem, Refusal, Timed, Trace};
+use lapsolve::backend::{Backend, Factor, Footprint, Harmonic, PrepareOptions, Solved, TransferFrame};
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
+use lapsolve::error::PrepareError;
+use lapsolve::laplacian::Weights;
+use lapsolve::mesh::TriangleMesh;
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
+use lapsolve::workload::transfer::{self, TransferError, TransferProblem};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -26,6 +30,7 @@ pub struct Prepared {
 enum Handle {
     System(Box<dyn Factor>),
     Harmonic(Box<dyn Harmonic>),
+    Transfer(Box<dyn TransferFrame>),
 }
 
 impl Prepared {
@@ -59,23 +64,37 @@ impl Prepared {
                 let (inputs, outputs) = (problem.fixed().len(), laplacian.n);
                 Ok(Self { handle: Handle::Harmonic(harmonic), inputs, outputs, max_columns })
             }
-            Problem::Transfer { .. } => Err(failed("whole transfer frames are not served")),
+            Problem::Transfer { target, template, marks } => {
+                let (target, template) = (read_mesh(target)?, read_mesh(template)?);
+                let (inputs, outputs) = (template.positions().len(), target.positions().len());
+                let marks: Vec<u32> = marks.read()?;
+                let pairs: Vec<(u32, u32)> = marks.as_chunks().0.iter().map(|&[p, t]| (p, t)).collect();
+                let problem = TransferProblem::new(&template, target, &pairs, Weights::Plain)
+                    .map_err(|e| failed(e.to_string()))?;
+                clock.restart();
+                let frames = transfer::prepare(backend, &problem, &options, &mut |phase| clock.begin(phase))
+                    .map_err(|error| match error {
+                        TransferError::Prepare(error) => error.into(),
+                        other => failed(other.to_string()),
+                    })?;
+                clock.stop();
+                Ok(Self { handle: Handle::Transfer(frames), inputs, outputs, max_columns })
+            }
         }
     }
 
     /// One solve from x = 0; only the solve itself is timed.
-    fn solve_once(
-        &mut self,
-        rhs: Columns<&[f64]>,
-        mut x: Columns<&mut [f64]>,
-    ) -> Result<(Duration, Solved), Refusal> {
+    fn solve_once(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Step, Refusal> {
         x.data_mut().fill(0.0);
+        let before = allocation::count();
         let start = Instant::now();
         let solved = match &mut self.handle {
             Handle::System(factor) => factor.solve(rhs, x),
             Handle::Harmonic(harmonic) => harmonic.solve(rhs, x),
+            Handle::Transfer(_) => return Err(failed("a transfer problem has frames, not solves")),
         };
-        Ok((start.elapsed(), solved?))
+        let elapsed = start.elapsed();
+        Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
     }
 
     fn rhs(&self, file: &ArrayFile) -> Result<Vec<f64>, Refusal> {
@@ -97,7 +116,7 @@ impl Prepared {
         let (b, k) = (self.rhs(rhs)?, rhs.columns);
         let b = Columns::new(&b[..], self.inputs, k);
         let (n, mut x) = (self.outputs, vec![0.0; self.outputs * k]);
-        let timed = repeat(warmup, times, counts, || self.solve_once(b, Columns::new(&mut x[..], n, k)))?;
+        let timed = repeat(warmup, times, counts, |_| self.solve_once(b, Columns::new(&mut x[..], n, k)))?;
         ArrayFile::write(solution, &x, k)?;
         Ok(timed)
     }
@@ -105,26 +124,55 @@ impl Prepared {
     /// `update`: see [`crate::engine::protocol::Request::Update`].
     pub fn update(&mut self, values: &ArrayFile, times: u32) -> Result<Timed, Refusal> {
         let values: Vec<f64> = values.read()?;
-        repeat(0, times, false, || {
+        repeat(0, times, false, |_| {
             let start = Instant::now();
             match &mut self.handle {
                 Handle::System(factor) => factor.update_values(&values, &mut |_| {}),
                 Handle::Harmonic(harmonic) => harmonic.update_values(&values, &mut |_| {}),
+                Handle::Transfer(_) => {
+                    Err(PrepareError::Unsupported { what: "new values of a transfer".into() })
+                }
             }?;
-            Ok((start.elapsed(), Solved::default()))
+            Ok(Step { elapsed: start.elapsed(), solved: Solved::default(), allocations: 0 })
         })
     }
 
-    /// `frame`: see [`crate::engine::protocol::Request::Frame`].
+    /// `frame`: see [`crate::engine::protocol::Request::Frame`]. A frame is read before its clock starts.
     pub fn frame(
         &mut self,
-        _template: &ArrayFile,
-        _warmup: u32,
-        _solution: &Path,
-        _trace: Option<&Trace>,
-        _counts: bool,
+        template: &ArrayFile,
+        warmup: u32,
+        solution: &Path,
+        trace: Option<&Trace>,
+        counts: bool,
     ) -> Result<Timed, Refusal> {
-        Err(failed("frames need a prepared transfer problem"))
+        let times =
+            template.rows.checked_sub(warmup as usize).ok_or_else(|| failed("more warm-up than frames"))?;
+        let mut frames = Frames::new(template, self.inputs)?;
+        let mut target = vec![[0.0; 3]; self.outputs];
+        let handle = self.transfer()?;
+        let step = |k: usize| {
+            let pose = frames.read(k)?;
+            let before = allocation::count();
+            let start = Instant::now();
+            let solved = handle.frame(pose, &mut target);
+            let elapsed = start.elapsed();
+            Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
+        };
+        let timed = repeat(warmup, times as u32, counts, step)?;
+        ArrayFile::write(solution, target.as_flattened(), 3)?;
+        if let (Some(files), Some(inner)) = (trace, handle.trace()) {
+            ArrayFile::write(&files.field, inner.field, 4)?;
+            ArrayFile::write(&files.rhs, inner.rhs, 3)?;
+        }
+        Ok(timed)
+    }
+
+    fn transfer(&mut self) -> Result<&mut dyn TransferFrame, Refusal> {
+        match &mut self.handle {
+            Handle::Transfer(frames) => Ok(&mut **frames),
+            _ => Err(failed("frames need a prepared transfer problem")),
+        }
     }
 
     /// `open_loop`: see [`crate::engine::protocol::Request::OpenLoop`].
@@ -138,12 +186,24 @@ impl Prepared {
         if !(0.1..=10_000.0).contains(&hz) {
             return Err(failed(format!("{hz} starts per second are not between 0.1 and 10,000")));
         }
-        let (b, k) = (self.rhs(input)?, input.columns);
-        let b = Columns::new(&b[..], self.inputs, k);
-        let (n, mut x) = (self.outputs, vec![0.0; self.outputs * k]);
-        let samples_ns = open_loop::latencies(hz, frames, Duration::from_nanos(limit_ns), || {
-            self.solve_once(b, Columns::new(&mut x[..], n, k)).map(|_| ())
-        })?;
+        let limit = Duration::from_nanos(limit_ns);
+        let samples_ns = if let Handle::Transfer(handle) = &mut self.handle {
+            let poses = Frames::new(input, self.inputs)?.read_all()?;
+            let mut target = vec![[0.0; 3]; self.outputs];
+            let mut k = 0;
+            open_loop::latencies(hz, frames, limit, || {
+                let pose = &poses[there_and_back(k, input.rows)];
+                k += 1;
+                handle.frame(pose, &mut target).map(|_| ()).map_err(Refusal::from)
+            })?
+        } else {
+            let (b, k) = (self.rhs(input)?, input.columns);
+            let b = Columns::new(&b[..], self.inputs, k);
+            let (n, mut x) = (self.outputs, vec![0.0; self.outputs * k]);
+            open_loop::latencies(hz, frames, limit, || {
+                self.solve_once(b, Columns::new(&mut x[..], n, k)).map(|_| ())
+            })?
+        };
         Ok(Timed { samples_ns, ..Timed::default() })
     }
 
@@ -152,31 +212,75 @@ impl Prepared {
         match &self.handle {
             Handle::System(factor) => factor.footprint(),
             Handle::Harmonic(harmonic) => harmonic.footprint(),
+            Handle::Transfer(frames) => frames.footprint(),
         }
     }
 }
 
-/// Repeats `step`, which times itself; the first `warmup` times do not count.
+/// One repetition.
+struct Step {
+    elapsed: Duration,
+    solved: Solved,
+    /// Of the whole process, during the timed part.
+    allocations: u64,
+}
+
+/// Repeats `step`, which times itself; the first `warmup` times do not count. It is told which repetition it is.
 fn repeat(
     warmup: u32,
     times: u32,
     counts: bool,
-    mut step: impl FnMut() -> Result<(Duration, Solved), Refusal>,
+    mut step: impl FnMut(usize) -> Result<Step, Refusal>,
 ) -> Result<Timed, Refusal> {
-    for _ in 0..warmup {
-        step()?;
+    for k in 0..warmup as usize {
+        step(k)?;
     }
     let mut timed = Timed { samples_ns: Vec::with_capacity(times as usize), ..Timed::default() };
-    timed.device_ns.reserve_exact(times as usize);
-    let before = allocation::count();
-    for _ in 0..times {
-        let (elapsed, solved) = step()?;
+    let mut allocations = 0;
+    for k in 0..times as usize {
+        let Step { elapsed, solved, allocations: new } = step(warmup as usize + k)?;
         timed.samples_ns.push(nanoseconds(elapsed));
         timed.device_ns.extend(solved.device_ns);
         timed.iterations = solved.iterations;
+        allocations += new;
     }
-    timed.allocations = counts.then(|| allocation::count() - before);
+    timed.allocations = counts.then_some(allocations);
     Ok(timed)
+}
+
+/// Template positions in a file, one frame per row, read into one buffer.
+struct Frames<'a> {
+    file: &'a ArrayFile,
+    numbers: Vec<f64>,
+    pose: Vec<[f64; 3]>,
+}
+
+impl<'a> Frames<'a> {
+    fn new(file: &'a ArrayFile, vertices: usize) -> Result<Self, Refusal> {
+        if file.columns != 3 * vertices || file.rows == 0 {
+            let shape = format!("{} x {}", file.rows, file.columns);
+            return Err(failed(format!("template: {shape} numbers, frames of {vertices} vertices expected")));
+        }
+        Ok(Self { file, numbers: Vec::new(), pose: Vec::new() })
+    }
+
+    fn read(&mut self, k: usize) -> Result<&[[f64; 3]], Refusal> {
+        self.file.read_rows_into(k, 1, &mut self.numbers)?;
+        self.pose.clear();
+        self.pose.extend_from_slice(self.numbers.as_chunks().0);
+        Ok(&self.pose)
+    }
+
+    fn read_all(&mut self) -> Result<Vec<Vec<[f64; 3]>>, Refusal> {
+        (0..self.file.rows).map(|k| self.read(k).map(<[_]>::to_vec)).collect()
+    }
+}
+
+/// 0, 1, .., n - 1, n - 2, .., 1, 0, 1, ..: a motion without a jump from its last frame to its first.
+fn there_and_back(k: usize, n: usize) -> usize {
+    let period = (2 * n).saturating_sub(2).max(1);
+    let k = k % period;
+    if k < n { k } else { period - k }
 }
 
 fn read_matrix(files: &MatrixFiles) -> Result<SymmetricCsr, Refusal> {
@@ -189,6 +293,11 @@ fn read_matrix(files: &MatrixFiles) -> Result<SymmetricCsr, Refusal> {
     Ok(matrix)
 }
 
+fn read_mesh(files: &MeshFiles) -> Result<TriangleMesh, Refusal> {
+    TriangleMesh::new(read_triples(&files.positions)?, read_triples(&files.triangles)?)
+        .map_err(|e| failed(format!("mesh: {e}")))
+}
+
 fn read_points(file: Option<&ArrayFile>) -> Result<Option<Vec<[f64; 3]>>, Refusal> {
     file.map(read_triples::<f64>).transpose()
 }
@@ -198,4 +307,17 @@ fn read_triples<T: Number>(file: &ArrayFile) -> Result<Vec<[T; 3]>, Refusal> {
         return Err(failed(format!("{}: 3 columns expected", file.path.display())));
     }
     Ok(file.read::<T>()?.as_chunks().0.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::there_and_back;
+
+    #[test]
+    fn motions_return_without_a_jump() {
+        let order = |n: usize| (0..7).map(|k| there_and_back(k, n)).collect::<Vec<_>>();
+        assert_eq!(order(4), [0, 1, 2, 3, 2, 1, 0]);
+        assert_eq!(order(2), [0, 1, 0, 1, 0, 1, 0]);
+        assert_eq!(order(1), [0; 7]);
+    }
 }

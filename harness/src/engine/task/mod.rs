@@ -1,5 +1,8 @@
 //! A workload on a source: equations, reference, and the files that children read. Made once, for all cells.
 
+pub mod frames;
+pub mod transfer;
+
 use super::array_file::ArrayFile;
 use super::check::{Check, ForwardLimit};
 use super::equations::Equations;
@@ -8,7 +11,10 @@ use super::protocol::Problem;
 use super::source::{Content, Source};
 use super::workload::Workload;
 use crate::mesh_io::{npy, table};
+use crate::record::names::Precision;
+use crate::verify::reference::Trusted;
 use anyhow::{Context, anyhow};
+use frames::FrameCheck;
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
 use lapsolve::laplacian::{Laplacian, Weights};
@@ -18,27 +24,55 @@ use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::Entry;
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
-use lapsolve::workload::{harmonic, kharmonic, matrix, screened};
+use lapsolve::workload::{harmonic, kharmonic, matrix, poisson, screened};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use transfer::Setting;
 
 /// A workload on a mesh or matrix, ready for any number of cells.
 #[derive(Debug)]
 pub struct Task {
     /// Which workload.
     pub workload: Workload,
-    /// Equations with reference.
-    pub check: Check,
     /// Time to assemble the matrix, nanoseconds.
     pub assemble_ns: u64,
     /// What children prepare.
     pub problem: Problem,
-    /// What they solve for.
+    /// What they do then.
+    pub goal: Goal,
+    /// Where children put solutions.
+    pub folder: PathBuf,
+}
+
+/// What a prepared child does, and what its answers are checked against.
+#[derive(Debug)]
+pub enum Goal {
+    /// Solves one right-hand side, again and again.
+    Solve(Box<Solve>),
+    /// Does frame after frame.
+    Frames(Box<Frames>),
+}
+
+/// Solves of one right-hand side.
+#[derive(Debug)]
+pub struct Solve {
+    /// Equations with reference.
+    pub check: Check,
+    /// The right-hand side or the constraint values.
     pub input: ArrayFile,
     /// Other values on the same pattern, to be refactored; none where the workload has no such values.
     pub update: Option<Update>,
-    /// Where children put solutions.
-    pub folder: PathBuf,
+}
+
+/// Frames of `transfer`.
+#[derive(Debug)]
+pub struct Frames {
+    /// Meshes, marks and motion.
+    pub setting: Setting,
+    /// Both systems and the known frame.
+    pub check: FrameCheck,
+    /// The known frame's pose.
+    pub checked: ArrayFile,
 }
 
 /// Values for `update`.
@@ -64,14 +98,69 @@ impl Task {
         backends: &[Entry],
         folder: PathBuf,
     ) -> anyhow::Result<Self> {
+        match (workload, &source.content) {
+            (Workload::Transfer, Content::Mesh(mesh)) => Self::frames(source, mesh, inputs, backends, folder),
+            _ => Self::solves(workload, source, inputs, backends, folder),
+        }
+    }
+
+    fn solves(
+        workload: Workload,
+        source: &Source,
+        inputs: &Inputs,
+        backends: &[Entry],
+        folder: PathBuf,
+    ) -> anyhow::Result<Self> {
         let begin = Instant::now();
-        let equations = equations(workload, &source.content, inputs)?;
+        let equations = equations(workload, &source.content, inputs, backends)?;
         let assemble_ns = begin.elapsed().as_nanos() as u64;
-        let updated = other_values(workload, source, inputs, &equations);
+        let updated = other_values(workload, source, inputs, backends, &equations);
         let (problem, input) = equations.write(&folder)?;
         let update = updated.map(|changed| Update::write(&folder, &equations, changed)).transpose()?;
-        let check = Check::new(equations, None, forward_limit(workload), backends);
-        Ok(Self { workload, check, assemble_ns, problem, input, update, folder })
+        let scale = match (workload, &source.content) {
+            (Workload::Poisson, Content::Mesh(mesh)) => Some(mesh.diagonal()),
+            _ => None,
+        };
+        let check = Check::new(equations, scale, forward_limit(workload), backends);
+        if let Some(why) = &check.no_reference {
+            eprintln!("{}: {workload}: no reference solution: {why}", source.record.name);
+        }
+        let goal = Goal::Solve(Box::new(Solve { check, input, update }));
+        Ok(Self { workload, assemble_ns, problem, goal, folder })
+    }
+
+    fn frames(
+        source: &Source,
+        mesh: &TriangleMesh,
+        inputs: &Inputs,
+        backends: &[Entry],
+        folder: PathBuf,
+    ) -> anyhow::Result<Self> {
+        let setting = Setting::new(source, mesh, inputs)?;
+        let begin = Instant::now();
+        let problem = setting.problem()?;
+        let assemble_ns = begin.elapsed().as_nanos() as u64;
+        let check = FrameCheck::new(&setting, problem, backends)?;
+        let problem = setting.write(&folder)?;
+        let checked = setting.write_frames(&folder.join("checked.f64"), setting.motion.checked_frame(), 1)?;
+        let goal = Goal::Frames(Box::new(Frames { setting, check, checked }));
+        Ok(Self { workload: Workload::Transfer, assemble_ns, problem, goal, folder })
+    }
+
+    /// Unknowns of the (largest) system that is solved.
+    pub fn unknowns(&self) -> usize {
+        match &self.goal {
+            Goal::Solve(solve) => solve.check.equations.unknowns(),
+            Goal::Frames(frames) => frames.check.unknowns(),
+        }
+    }
+
+    /// Columns of a right-hand side; of a frame's three coordinates.
+    pub fn columns(&self) -> usize {
+        match &self.goal {
+            Goal::Solve(solve) => solve.input.columns,
+            Goal::Frames(_) => 3,
+        }
     }
 
     /// What the answers of a class are held to in this workload.
@@ -85,9 +174,18 @@ impl Task {
         }
     }
 
-    /// A solution (rows x k) as one row per vertex; vertices without an equation get 0.
-    pub fn on_vertices(&self, x: &[f64]) -> Vec<f64> {
-        self.check.equations.on_vertices(x)
+    /// A checked solution as one row per vertex; vertices without an equation get 0.
+    pub fn on_vertices(&self, x: Vec<f64>) -> Vec<f64> {
+        match &self.goal {
+            Goal::Solve(solve) => solve.check.equations.on_vertices(&x),
+            Goal::Frames(_) => x,
+        }
+    }
+
+    /// Why a solver of this precision is not asked: rounding in f32 exceeds what k >= 2 leaves.
+    pub fn beyond(&self, precision: Precision) -> Option<String> {
+        let steep = matches!(self.workload, Workload::Kharmonic2 | Workload::Kharmonic3);
+        (steep && precision != Precision::F64).then(|| format!("`{}` needs f64 throughout", self.workload))
     }
 
     /// A path for a child's solution.
@@ -116,10 +214,19 @@ fn forward_limit(workload: Workload) -> ForwardLimit {
 ///
 /// # Errors
 /// Inputs that do not fit, or a system that is not acceptable.
-pub fn equations(workload: Workload, content: &Content, inputs: &Inputs) -> anyhow::Result<Equations> {
+pub fn equations(
+    workload: Workload,
+    content: &Content,
+    inputs: &Inputs,
+    backends: &[Entry],
+) -> anyhow::Result<Equations> {
     match (workload, content) {
         (Workload::Matrix, Content::Matrix(matrix)) => of_matrix(matrix, inputs),
         (Workload::Harmonic, Content::Mesh(mesh)) => of_harmonic(mesh, inputs),
+        (Workload::Poisson, Content::Mesh(mesh)) => of_poisson(mesh, inputs, backends),
+        (Workload::Transfer, Content::Mesh(_)) => {
+            Err(anyhow!("`transfer` is two systems; ask for `harmonic` or `poisson`"))
+        }
         (_, Content::Mesh(mesh)) => of_mass_and_stiffness(workload, mesh, inputs),
         (_, Content::Matrix(_)) => {
             Err(anyhow!("`{workload}` needs a mesh; a matrix has the workload `matrix`"))
@@ -159,6 +266,27 @@ fn of_harmonic(mesh: &TriangleMesh, inputs: &Inputs) -> anyhow::Result<Equations
     Ok(Equations::Harmonic { problem, positions: Some(mesh.positions().to_vec()), g, k })
 }
 
+/// L x = U, grounded; U is that of the default motion's extreme frame unless given.
+fn of_poisson(mesh: &TriangleMesh, inputs: &Inputs, backends: &[Entry]) -> anyhow::Result<Equations> {
+    let n = mesh.positions().len();
+    let (laplacian, u, k) = match &inputs.rhs {
+        Some(path) => {
+            let (k, u) = npy::read_columns(path, n)?;
+            (Laplacian::assemble(mesh, Weights::Plain).into_matrix(), u, k)
+        }
+        None => {
+            let trusted = Trusted::choose(backends, n).map_err(|why| anyhow!("{why}"))?;
+            let input = poisson::default_input(mesh, &*trusted.backend)?;
+            (input.laplacian, input.rhs, poisson::COLUMNS)
+        }
+    };
+    let problem = Dirichlet::grounded(laplacian, Some(mesh.positions()))?;
+    let system = problem.system().context("there is nothing to solve: no triangle has an area")?.clone();
+    let mut b = vec![0.0; system.n() * k];
+    problem.gather(Columns::new(&u[..], n, k), Columns::new(&mut b, system.n(), k));
+    Ok(Equations::System { system, b, k, vertices: Some((problem.free().to_vec(), n)) })
+}
+
 /// `screened` and `kharmonic`: M f on the right, f = the positions unless given.
 fn of_mass_and_stiffness(
     workload: Workload,
@@ -193,6 +321,7 @@ fn other_values(
     workload: Workload,
     source: &Source,
     inputs: &Inputs,
+    backends: &[Entry],
     equations: &Equations,
 ) -> Option<Equations> {
     let mesh = match &source.content {
@@ -203,7 +332,7 @@ fn other_values(
     };
     let stretched = mesh.positions().iter().map(|&[x, y, z]| [x, y, STRETCH * z]).collect();
     let stretched = mesh.with_positions(stretched).ok()?;
-    let other = self::equations(workload, &Content::Mesh(stretched), inputs).ok()?;
+    let other = self::equations(workload, &Content::Mesh(stretched), inputs, backends).ok()?;
     let same = equations.pattern() == other.pattern();
     if same { equations.with_values(other.values()) } else { None }
 }
