@@ -35,3 +35,8 @@ pub mod topology;
 pub mod triangle;
 pub mod vector;
 pub mod workload;
+
+/// The example in the README is compiled and run with the documentation tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+pub struct Readme;
