@@ -8,10 +8,11 @@ use anyhow::{Context, bail};
 
 use crate::{TestOptions, cache, python, shell, system};
 
-/// Test runs: the workspace with its default features (doc tests included), then the feature sets of lapsolve that
-/// the first run leaves out.
-const RUNS: [&[&str]; 3] = [
+/// Test runs: the workspace with its default features (doc tests included), then the kill table of deliberately broken
+/// variants and the feature sets of lapsolve, which the first run leaves out.
+const RUNS: [&[&str]; 4] = [
     &["--workspace"],
+    &["--package", "lapbench", "--features", "mutants", "--lib", "verify::mutants"],
     &["--package", "lapsolve", "--no-default-features"],
     &["--package", "lapsolve", "--features", "sprs-ldl"],
 ];
@@ -67,4 +68,18 @@ fn tee(command: &mut Command, summary: &mut Vec<String>) -> anyhow::Result<bool>
         }
     }
     Ok(child.wait()?.success())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_failures_and_skips_are_kept_and_the_exit_status_counts() {
+        let script = "echo noise; echo 'SKIPPED a: no data'; echo 'test a::b ... FAILED'; echo 'test result: FAILED. 3'";
+        let mut summary = Vec::new();
+        assert!(tee(&mut shell::command("sh", &["-c", script]), &mut summary).unwrap());
+        assert_eq!(summary, ["  SKIPPED a: no data", "  test a::b ... FAILED", "  test result: FAILED. 3"]);
+        assert!(!tee(&mut shell::command("sh", &["-c", "exit 101"]), &mut summary).unwrap());
+    }
 }
