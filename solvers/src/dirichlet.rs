@@ -195,16 +195,6 @@ impl Dirichlet {
         self.system.as_ref()
     }
 
-    /// For every stored entry of L_FF, the stored entry of L that holds its value.
-    pub fn source(&self) -> &[u32] {
-        &self.source
-    }
-
-    /// L_FC as (row of F, row of C, stored entry of L), sorted.
-    pub fn coupling(&self) -> &[(u32, u32, u32)] {
-        &self.coupling.entries
-    }
-
     /// b = -L_FC g: `constraints` is |C| x k, `rhs` is |F| x k and written whole; only rows next to a constraint are
     /// non-zero. Cost: 2 k flops per entry of L_FC.
     pub fn right_hand_side(&self, constraints: Columns<&[f64]>, mut rhs: Columns<&mut [f64]>) {

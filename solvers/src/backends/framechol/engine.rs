@@ -294,14 +294,6 @@ impl Symbolic {
         diagonals.fold(0.0, |most, &entry| values[entry as usize].max(most))
     }
 
-    /// The same structure for a matrix whose values are found elsewhere: entry e at `source[e]`.
-    pub fn redirect(&mut self, source: &[u32]) {
-        for part in &mut self.parts {
-            part.entries.iter_mut().for_each(|entry| entry.0 = source[entry.0 as usize]);
-            part.diagonal.iter_mut().for_each(|entry| *entry = source[*entry as usize]);
-        }
-    }
-
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
         size_of_val(&self.order[..]) as u64 + self.parts.iter().map(Part::bytes).sum::<u64>()

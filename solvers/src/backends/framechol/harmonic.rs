@@ -3,35 +3,34 @@
 //! The forward sweep visits only panels on the paths from those rows to the root of the elimination tree (J. R. Gilbert
 //! and T. Peierls, "Sparse partial pivoting in time proportional to arithmetic operations", SIAM J. Sci. Stat. Comput. 9,
 //! 1988); the right-hand side is formed in place from the constraint values, and the solution goes straight to the
-//! vertices.
+//! vertices. Constrained vertices are unit rows of one fixed pattern, so editing them costs a numeric factorisation and
+//! no ordering or analysis.
+use super::constraints::Constraints;
 use super::gather::{Group, Output, Source};
 use super::method::Method;
 use super::panels::Reach;
 use crate::backend::{Footprint, Harmonic, Phase, Solved};
 use crate::columns::Columns;
-use crate::dirichlet::Dirichlet;
-use crate::error::{PrepareError, SolveError};
+use crate::error::{EditError, PrepareError, SolveError};
 use crate::isa::{Isa, Real};
 use crate::lanes::Shape;
 use crate::ordering::inverse;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A prepared harmonic field.
 pub struct HarmonicField<M> {
     method: M,
-    /// Number of vertices, absent ones included.
-    vertices: usize,
-    /// Vertex eliminated k-th.
-    vertex: Vec<u32>,
-    /// Constrained vertices, ascending.
-    fixed: Vec<u32>,
-    /// Vertices whose field is zero.
-    absent: Vec<u32>,
+    constraints: Constraints,
+    /// Vertex eliminated k-th, and its inverse.
+    order: Arc<[u32]>,
+    position: Vec<u32>,
     coupling: Coupling,
     reach: Reach,
 }
 
 /// L_FC by elimination position.
+#[derive(Default)]
 struct Coupling {
     /// (position, constraint row, stored entry of L), ascending by position.
     entries: Vec<(u32, u32, u32)>,
@@ -39,35 +38,38 @@ struct Coupling {
     weights: Vec<f64>,
 }
 
-impl<M: Method> HarmonicField<M> {
-    /// Wraps the factor of `problem`'s free rows, eliminated in `order`.
-    pub fn new(problem: &Dirichlet, method: M, order: &[u32]) -> Self {
-        let position = inverse(order);
-        let coupling = problem.coupling().iter().map(|&(f, c, entry)| (position[f as usize], c, entry));
+impl Coupling {
+    fn new(constraints: &Constraints, position: &[u32]) -> Self {
+        let coupling =
+            constraints.coupling().iter().map(|&(v, row, entry)| (position[v as usize], row, entry));
         let mut entries: Vec<_> = coupling.collect();
         entries.sort_unstable();
-        let reach = method.reach(entries.iter().map(|e| e.0));
-        let mut in_system = vec![false; problem.laplacian().n()];
-        problem.fixed().iter().chain(problem.free()).for_each(|&v| in_system[v as usize] = true);
-        let mut field = Self {
-            method,
-            vertices: in_system.len(),
-            vertex: order.iter().map(|&row| problem.free()[row as usize]).collect(),
-            fixed: problem.fixed().to_vec(),
-            absent: (0..in_system.len() as u32).filter(|&v| !in_system[v as usize]).collect(),
-            coupling: Coupling { weights: vec![0.0; entries.len()], entries },
-            reach,
-        };
-        field.coupling.update(problem.laplacian().values());
-        field
+        let mut out = Self { weights: vec![0.0; entries.len()], entries };
+        out.update(constraints.laplacian().values());
+        out
     }
-}
 
-impl Coupling {
     fn update(&mut self, values: &[f64]) {
         for (weight, &(_, _, entry)) in self.weights.iter_mut().zip(&self.entries) {
             *weight = values[entry as usize];
         }
+    }
+}
+
+impl<M: Method> HarmonicField<M> {
+    /// Wraps `method`, which has factored `constraints.values()` with the vertices eliminated in `order`.
+    pub fn new(constraints: Constraints, method: M, order: Arc<[u32]>) -> Self {
+        let position = inverse(&order);
+        let reach = Reach { panels: Vec::new() };
+        let mut field = Self { method, constraints, order, position, coupling: Coupling::default(), reach };
+        field.couple();
+        field
+    }
+
+    /// The right-hand side's places for the constraints at hand.
+    fn couple(&mut self) {
+        self.coupling = Coupling::new(&self.constraints, &self.position);
+        self.reach = self.method.reach(self.coupling.entries.iter().map(|e| e.0));
     }
 }
 
@@ -77,36 +79,42 @@ impl<M: Method> Harmonic for HarmonicField<M> {
         constraints: Columns<&[f64]>,
         mut field: Columns<&mut [f64]>,
     ) -> Result<Solved, SolveError> {
-        let k = constraints.k();
-        assert_eq!(
-            (constraints.n(), field.n(), field.k()),
-            (self.fixed.len(), self.vertices, k),
-            "constraints, field"
-        );
-        for (row, &v) in self.fixed.iter().enumerate() {
+        let (k, fixed) = (constraints.k(), self.constraints.fixed());
+        assert_eq!((constraints.n(), constraints.k()), (fixed.len(), field.k()), "constraints: |C| x k");
+        assert_eq!(field.n(), self.order.len(), "field: one row per vertex");
+        let source = Boundary { coupling: &self.coupling, reach: &self.reach, constraints };
+        let answer = self.method.solve(&source, &self.order, &Output::new(&mut field), k);
+        for (row, &v) in fixed.iter().enumerate() {
             field.row_mut(v as usize).copy_from_slice(constraints.row(row));
         }
-        for &v in &self.absent {
-            field.row_mut(v as usize).fill(0.0);
+        match field.data().iter().position(|v| !v.is_finite()) {
+            Some(at) if !answer.finite => Err(SolveError::NonFinite { row: at / k }),
+            _ => Ok(Solved { iterations: answer.pairs, ..Solved::default() }),
         }
-        let source = Boundary { coupling: &self.coupling, reach: &self.reach, constraints };
-        let answer = self.method.solve(&source, &self.vertex, &Output::new(&mut field), k);
-        if answer.finite {
-            return Ok(Solved { iterations: answer.pairs, ..Solved::default() });
-        }
-        let bad = field.data().iter().position(|v| !v.is_finite()).unwrap_or(0);
-        Err(SolveError::NonFinite { row: bad / k })
     }
 
     fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
         on(Phase::Numeric);
+        self.constraints.update_values(values);
         self.coupling.update(values);
-        self.method.factorise(values)
+        self.method.factorise(self.constraints.values())
+    }
+
+    /// One numeric factorisation on the pattern at hand.
+    fn edit_constraints(&mut self, add: &[u32], remove: &[u32]) -> Result<(), EditError> {
+        self.constraints.edit(add, remove)?;
+        if let Err(error) = self.method.factorise(self.constraints.values()) {
+            self.constraints.edit(remove, add)?;
+            self.method.factorise(self.constraints.values())?;
+            return Err(error.into());
+        }
+        self.couple();
+        Ok(())
     }
 
     fn footprint(&self) -> Footprint {
-        let own =
-            4 * (self.vertex.len() + self.fixed.len() + self.absent.len()) + 20 * self.coupling.entries.len();
+        let laplacian = self.constraints.laplacian();
+        let own = 12 * laplacian.n() + 20 * laplacian.stored() + 20 * self.coupling.entries.len();
         let mut footprint = self.method.footprint();
         footprint.host_bytes = footprint.host_bytes.map(|bytes| bytes + own as u64);
         footprint

@@ -17,8 +17,6 @@ pub struct Plan<'a> {
     pub symbolic: Symbolic,
     /// The matrix it was made for (its pattern counts).
     pub matrix: &'a SymmetricCsr,
-    /// Where the values of the matrix's stored entries will be found; `None`: in their own order.
-    pub source: Option<&'a [u32]>,
     /// The most columns of a solve.
     pub max_columns: usize,
     /// Name of the ordering.
@@ -71,11 +69,8 @@ pub struct Single<T> {
 }
 
 impl<T: Lanes> Method for Single<T> {
-    fn new(mut plan: Plan<'_>) -> Result<Self, PrepareError> {
+    fn new(plan: Plan<'_>) -> Result<Self, PrepareError> {
         let lanes = plan.lanes();
-        if let Some(source) = plan.source {
-            plan.symbolic.redirect(source);
-        }
         Ok(Self { engine: Engine::new(plan.isa, plan.symbolic, lanes, plan.ordering, |_| ())? })
     }
 

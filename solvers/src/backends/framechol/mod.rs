@@ -4,6 +4,7 @@
 //! graph -> order -> supernodes -> tasks -> symbolic -> numeric (fronts) -> panels -> sweeps, frame after frame
 //! ```
 //! `DESIGN.md` of this crate has the layout of the factor, the task graph, the precisions, and what did not pay.
+mod constraints;
 mod engine;
 mod front;
 mod gather;
@@ -26,8 +27,9 @@ use crate::error::{PrepareError, SolveError, Unavailable};
 use crate::isa::Isa;
 use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
-use crate::sparse::inverse_permutation;
+use crate::sparse::{SymmetricCsr, inverse_permutation};
 use crate::system::System;
+use constraints::{Constraints, extend_order};
 use gather::{Dense, Output};
 use harmonic::HarmonicField;
 use method::{Method, Plan, Single};
@@ -62,18 +64,17 @@ impl<M: Method> FrameChol<M> {
         Self { isa: Isa::best(), threads: options.threads, method: PhantomData }
     }
 
-    /// Orders, analyses and factors `system`; `source` as in [`Plan`]. Returns the method and the elimination order.
+    /// Orders, analyses and factors a matrix of the pattern of `matrix` with these values. Returns the method and the
+    /// elimination order.
     fn factorise(
         &self,
-        system: &System,
-        source: Option<&[u32]>,
+        matrix: &SymmetricCsr,
         values: &[f64],
         options: &PrepareOptions<'_>,
         on: &mut dyn FnMut(Phase),
     ) -> Result<(M, Arc<[u32]>), PrepareError> {
         assert!(options.max_columns > 0, "max_columns: at least 1");
         on(Phase::Order);
-        let matrix = system.matrix();
         let graph = Graph::from_triangle_of_matrix(matrix.row_starts(), matrix.columns());
         let (order, ordering) = match options.order {
             Some(order) => {
@@ -91,7 +92,7 @@ impl<M: Method> FrameChol<M> {
         drop((graph, order));
         let order = Arc::clone(&symbolic.order);
         let max_columns = options.max_columns;
-        let mut method = M::new(Plan { isa: self.isa, symbolic, matrix, source, max_columns, ordering })?;
+        let mut method = M::new(Plan { isa: self.isa, symbolic, matrix, max_columns, ordering })?;
         on(Phase::Numeric);
         method.factorise(values)?;
         Ok((method, order))
@@ -109,7 +110,8 @@ impl<M: Method> Backend for FrameChol<M> {
         options: &PrepareOptions<'_>,
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Factor>, PrepareError> {
-        let (method, order) = self.factorise(system, None, system.matrix().values(), options, on)?;
+        let matrix = system.matrix();
+        let (method, order) = self.factorise(matrix, matrix.values(), options, on)?;
         Ok(Box::new(Handle { method, order }))
     }
 
@@ -119,12 +121,26 @@ impl<M: Method> Backend for FrameChol<M> {
         options: &PrepareOptions<'_>,
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Harmonic>, PrepareError> {
-        let Some(system) = problem.system() else {
+        if problem.free().is_empty() {
             return Ok(Box::new(ReducedHarmonic::new(problem.clone(), None, options.max_columns)));
-        };
-        let values = problem.laplacian().values();
-        let (method, order) = self.factorise(system, Some(problem.source()), values, options, on)?;
-        Ok(Box::new(HarmonicField::new(problem, method, &order)))
+        }
+        let order = options.order.map(|order| extend_order(problem, order));
+        let options = PrepareOptions { order: order.as_deref(), ..*options };
+        let constraints = Constraints::new(problem);
+        let (method, order) = self
+            .factorise(constraints.laplacian(), constraints.values(), &options, on)
+            .map_err(|error| in_rows_of(problem, error))?;
+        Ok(Box::new(HarmonicField::new(constraints, method, order)))
+    }
+}
+
+/// The error with a row of the reduced system where it names a vertex.
+fn in_rows_of(problem: &Dirichlet, error: PrepareError) -> PrepareError {
+    let row = |vertex: usize| problem.free().binary_search(&(vertex as u32)).unwrap_or(vertex);
+    match error {
+        PrepareError::NotPositiveDefinite { row: v } => PrepareError::NotPositiveDefinite { row: row(v) },
+        PrepareError::NonFinite { row: v } => PrepareError::NonFinite { row: row(v) },
+        other => other,
     }
 }
 

@@ -51,13 +51,7 @@ struct Triangle {
 }
 
 impl Triangle {
-    fn new(
-        symbolic: &Symbolic,
-        part: usize,
-        matrix: &SymmetricCsr,
-        source: Option<&[u32]>,
-        position: &[u32],
-    ) -> Self {
+    fn new(symbolic: &Symbolic, part: usize, matrix: &SymmetricCsr, position: &[u32]) -> Self {
         let own = &symbolic.parts[part];
         let first = own.first_position as usize;
         let top = symbolic.top_positions().start as u32;
@@ -84,7 +78,7 @@ impl Triangle {
         for list in &mut lists {
             list.sort_unstable();
             out.columns.extend(list.iter().map(|e| e.0));
-            out.source.extend(list.iter().map(|e| source.map_or(e.1, |s| s[e.1 as usize])));
+            out.source.extend(list.iter().map(|e| e.1));
             out.starts.push(out.columns.len() as u32);
         }
         out.values = vec![0.0; out.columns.len()];
@@ -132,16 +126,13 @@ fn largest(lanes: &[f64; 8]) -> f64 {
 }
 
 impl Method for Refined {
-    fn new(mut plan: Plan<'_>) -> Result<Self, PrepareError> {
+    fn new(plan: Plan<'_>) -> Result<Self, PrepareError> {
         let lanes = plan.lanes();
         let position = inverse(&plan.symbolic.order);
-        let triangle = |p: usize| Triangle::new(&plan.symbolic, p, plan.matrix, plan.source, &position);
+        let triangle = |p: usize| Triangle::new(&plan.symbolic, p, plan.matrix, &position);
         let threads = plan.symbolic.threads();
         let mut triangles: Vec<Triangle> = (0..plan.symbolic.parts.len()).map(triangle).collect();
         let top = (triangles.len() > threads).then(|| triangles.pop()).flatten();
-        if let Some(source) = plan.source {
-            plan.symbolic.redirect(source);
-        }
         let mut triangles = triangles.into_iter();
         let extra = |part: &Part| Refinement {
             residual: Aligned::new(lanes * part.slab as usize),

@@ -1,5 +1,6 @@
 //! Every path of framechol against the dense oracle, and the instruction sets against each other.
 use super::*;
+use crate::error::EditError;
 use crate::limits::Limits;
 use crate::registry::{self, Accuracy, Precision};
 use crate::residual::Residual;
@@ -190,4 +191,60 @@ fn bad_numbers_are_reported_with_their_row() {
     factor.update_values(system.matrix().values(), &mut |_| {}).expect("the first values again");
     b[2 * 77 + 1] = 1.0;
     factor.solve(Columns::new(&b, n, 2), Columns::new(&mut x[..], n, 2)).expect("finite");
+}
+
+#[test]
+fn edited_constraints_give_the_field_of_a_fresh_handle() {
+    let (n, edges) = mesh(40);
+    let mut laplacian = matrix(n, &edges);
+    let starts = laplacian.row_starts().to_vec();
+    starts[..n].iter().for_each(|&s| laplacian.values_mut()[s as usize] -= 0.1);
+    let (options, k) = (PrepareOptions::columns(3), 3);
+    for id in ["framechol-f64", "framechol-f32", "framechol-mixed"] {
+        let entry = registry::find(id).expect("a row");
+        let backend =
+            (entry.open)(&OpenOptions { threads: 2, ..OpenOptions::default() }).expect("always there");
+        let fresh = |fixed: &[u32]| {
+            let problem = Dirichlet::new(laplacian.clone(), None, fixed).expect("a constrained component");
+            backend.prepare_harmonic(&problem, &options, &mut |_| {}).expect("definite")
+        };
+        let field = |handle: &mut dyn Harmonic, fixed: &[u32]| {
+            let mut field = vec![f64::NAN; n * k];
+            let g = right_hand_side(fixed.len(), k);
+            let out = Columns::new(&mut field[..], n, k);
+            handle.solve(Columns::new(&g, fixed.len(), k), out).expect("finite");
+            field
+        };
+        let mut edited = fresh(&[3, 90, 777, 1555]);
+        assert_eq!(edited.edit_constraints(&[3], &[]), Err(EditError::Vertex { vertex: 3, action: "added" }));
+        assert_eq!(
+            edited.edit_constraints(&[], &[3, 4]),
+            Err(EditError::Vertex { vertex: 4, action: "removed" })
+        );
+        assert!(matches!(
+            edited.edit_constraints(&[], &[3, 90, 777, 1555]),
+            Err(EditError::Unconstrained { .. })
+        ));
+        for (add, remove, set) in [
+            (&[800, 801][..], &[777][..], &[3, 90, 800, 801, 1555][..]),
+            (&[777, 5], &[3, 90, 800, 801, 1555], &[5, 777]),
+        ] {
+            edited.edit_constraints(add, remove).expect("a legal edit");
+            let (got, expected) = (field(&mut *edited, set), field(&mut *fresh(set), set));
+            let apart = got.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(apart < Limits::of(entry.precision, entry.accuracy, 0.0).harmonic, "{id}: {apart:e}");
+        }
+    }
+}
+
+#[test]
+fn an_order_of_the_free_rows_serves_the_whole_pattern() {
+    let (n, edges) = mesh(15);
+    let problem = Dirichlet::new(matrix(n, &edges), None, &[0, 40, 41, 112]).expect("valid");
+    let reversed: Vec<u32> = (0..problem.free().len() as u32).rev().collect();
+    let mut order = extend_order(&problem, &reversed);
+    let free: Vec<u32> = order.iter().copied().filter(|v| problem.free().contains(v)).collect();
+    assert!(free.is_sorted_by(|a, b| a > b));
+    order.sort_unstable();
+    assert!(order.into_iter().eq(0..n as u32));
 }
