@@ -13,7 +13,7 @@ enum Kind {
     Free,
     /// Given.
     Fixed,
-    /// On no triangle: its field is zero.
+    /// On no triangle: a unit row with a zero right-hand side, so its field is zero.
     Absent,
 }
 
@@ -69,11 +69,6 @@ impl Constraints {
     /// L_FC: (free vertex, row among the constraints, stored entry of the Laplacian), sorted.
     pub fn coupling(&self) -> &[(u32, u32, u32)] {
         &self.coupling
-    }
-
-    /// Vertices whose field is zero.
-    pub fn absent(&self) -> impl Iterator<Item = usize> {
-        (0..self.kind.len()).filter(|&v| self.kind[v] == Kind::Absent)
     }
 
     /// New values of the Laplacian. No allocation.
