@@ -1,6 +1,6 @@
 //! What must hold before a change is accepted.
 
-use crate::{TestOptions, shell, tests};
+use crate::{TestOptions, shell, test_runs};
 
 /// Cheap checks first; the first failure ends the run.
 pub fn run(options: &TestOptions) -> anyhow::Result<()> {
@@ -17,7 +17,7 @@ pub fn run(options: &TestOptions) -> anyhow::Result<()> {
     ]))?;
     document(&[])?;
     document(&["--document-private-items"])?;
-    tests::run(options)
+    test_runs::run(options)
 }
 
 /// The default build needs no C++ compiler, no cmake and no pkg-config. This comes before every other build, so that

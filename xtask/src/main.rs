@@ -9,7 +9,7 @@ mod peers;
 mod python;
 mod shell;
 mod system;
-mod tests;
+mod test_runs;
 
 use clap::{Args, Parser, Subcommand};
 
@@ -49,7 +49,7 @@ struct TestOptions {
 fn main() -> anyhow::Result<()> {
     match Cli::parse().task {
         Task::Setup { peers } => setup(peers),
-        Task::Test(options) => tests::run(&options),
+        Task::Test(options) => test_runs::run(&options),
         Task::Ci(options) => ci::run(&options),
     }
 }
