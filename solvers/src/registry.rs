@@ -141,6 +141,10 @@ pub const BACKENDS: &[Entry] = &[
         ..DIRECT
     },
     Entry { id: "cg-jacobi", open: backends::cg::open_jacobi, ..ITERATIVE },
+    Entry { id: "cg-ic0", open: backends::cg::open_ic0, ..ITERATIVE },
+    Entry { id: "cg-fsai", open: backends::cg::open_fsai, ..ITERATIVE },
+    Entry { id: "cg-chebyshev", open: backends::cg::open_chebyshev, ..ITERATIVE },
+    Entry { id: "cg-approxchol", open: backends::cg::open_approxchol, ..ITERATIVE },
     Entry { id: "cg-amg", open: backends::multigrid::open_amg, ..ITERATIVE },
     Entry { id: "cg-multigrid", open: backends::multigrid::open_cg, ..ITERATIVE },
     Entry { id: "multigrid", open: backends::multigrid::open, ..ITERATIVE },

@@ -3,6 +3,11 @@
 //! | row | preconditioner | module |
 //! |---|---|---|
 //! | `cg-jacobi` | the diagonal | `jacobi` |
+//! | `cg-ic0` | incomplete Cholesky on the pattern of A | `ic0` |
+//! | `cg-fsai` | sparse approximate inverse factor, 8 entries per row | `fsai` |
+//! | `cg-chebyshev` | polynomial of degree 4 | `chebyshev` |
+//! | `cg-approxchol` | Cholesky with randomly sampled fill | `approxchol` |
+//! | `cg-amg`, `cg-multigrid` | multilevel cycles | [`super::multigrid`] |
 //!
 //! A solve stops, column by column, when the true relative residual ||b - A x||_2 / ||b||_2 is at most the tolerance. It
 //! starts from the incoming x (warm start), unless x = 0 is the better guess. Where the tolerance is out of reach
@@ -12,7 +17,11 @@
 //! of them and a row is one vector register. Parts, in the order data takes:
 //! `lanes` (columns in and out) -> `krylov` (the iteration) -> `operator` (A p) and `preconditioner` (M^-1 r).
 
+mod approxchol;
+mod chebyshev;
+mod fsai;
 pub(crate) mod handle;
+mod ic0;
 pub(crate) mod jacobi;
 pub(crate) mod krylov;
 pub(crate) mod lanes;
@@ -48,6 +57,27 @@ struct Iterative<S> {
 /// Opens `cg-jacobi`.
 pub fn open_jacobi(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
     open(options, Method::Conjugate, |a, _, _| Ok(Box::new(jacobi::Jacobi::new(a))))
+}
+
+/// Opens `cg-ic0`.
+pub fn open_ic0(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    open(options, Method::Conjugate, |a, _, _| Ok(Box::new(ic0::IncompleteCholesky::new(a))))
+}
+
+/// Opens `cg-fsai`.
+pub fn open_fsai(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    const PATTERN: fsai::Pattern = fsai::Pattern::Width(8);
+    open(options, Method::Conjugate, |a, _, width| Ok(Box::new(fsai::Fsai::new(a, PATTERN, width)?)))
+}
+
+/// Opens `cg-chebyshev`.
+pub fn open_chebyshev(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    open(options, Method::Conjugate, |a, _, width| Ok(Box::new(chebyshev::Chebyshev::new(a, width))))
+}
+
+/// Opens `cg-approxchol`.
+pub fn open_approxchol(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    open(options, Method::Conjugate, |a, _, _| Ok(Box::new(approxchol::ApproximateCholesky::new(a))))
 }
 
 /// Opens a backend of the family.

@@ -23,7 +23,7 @@ mod galerkin;
 mod hierarchy;
 mod interpolate;
 mod level;
-mod rows;
+pub(crate) mod rows;
 mod stiff;
 #[cfg(test)]
 mod tests;
