@@ -11,6 +11,8 @@ mod shell;
 mod system;
 mod test_runs;
 
+use std::process::ExitCode;
+
 use clap::{Args, Parser, Subcommand};
 
 /// The command line of `cargo xtask`.
@@ -46,11 +48,18 @@ struct TestOptions {
     no_setup: bool,
 }
 
-fn main() -> anyhow::Result<()> {
-    match Cli::parse().task {
+fn main() -> ExitCode {
+    let outcome = match Cli::parse().task {
         Task::Setup { peers } => setup(peers),
         Task::Test(options) => test_runs::run(&options),
         Task::Ci(options) => ci::run(&options),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error:#}"); // the causes without a backtrace, whatever RUST_BACKTRACE says
+            ExitCode::FAILURE
+        }
     }
 }
 
