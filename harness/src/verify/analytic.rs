@@ -240,7 +240,7 @@ const SPHERE_POISSON: Continuous = Continuous {
         remove_mean(&mut rhs, None, &mass); // solvable: the right-hand side sums to zero
         let n = mesh.positions().len();
         let l = (discretisation.laplacian)(mesh);
-        let problem = (discretisation.ground)(l.clone(), mesh.positions())?;
+        let problem = discretisation.grounded(l.clone(), mesh.positions())?;
         let system = problem.system().ok_or_else(|| NoAnswer::Failed("nothing is free".into()))?;
         let mut b = vec![0.0; 4 * system.n()];
         problem.gather(Columns::new(&rhs, n, 4), Columns::new(&mut b, system.n(), 4));

@@ -245,7 +245,7 @@ fn poisson_of(
     let backend = opened.ok_or("no direct backend for the right-hand side")?;
     let input = poisson::default_input(mesh, &*backend).map_err(|error| error.to_string())?;
     let problem =
-        (discretisation.ground)(input.laplacian, mesh.positions()).map_err(|error| error.to_string())?;
+        discretisation.grounded(input.laplacian, mesh.positions()).map_err(|error| error.to_string())?;
     let system = problem.system().ok_or("no vertex is free")?.clone();
     let k = poisson::COLUMNS;
     let mut rhs = vec![0.0; system.n() * k];

@@ -12,6 +12,8 @@ pub mod equations;
 pub mod finding;
 pub mod matrix;
 pub mod motion;
+#[cfg(feature = "mutants")]
+pub mod mutants;
 pub mod noise;
 pub mod reference;
 pub mod refined;

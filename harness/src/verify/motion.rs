@@ -5,6 +5,7 @@ use super::agreement::Answers;
 use super::finding::{Findings, Level, Outcome};
 use super::noise::shuffled;
 use super::subject::{NoAnswer, Subject};
+use lapsolve::backend::TransferFrame;
 use lapsolve::laplacian::Weights;
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::rotation::{about_axis, product, rotate};
@@ -80,7 +81,39 @@ fn poses(
     Twist::of(mesh).frame(EXTREME_FRAME, &mut pose);
     frames.frame(&pose, &mut target)?;
     right_hand_side(frames.trace().map(|t| t.rhs), findings);
-    Ok(target)
+    let twisted = target.clone();
+    for axis in 0..3 {
+        half_turn(mesh, problem, axis, (&pose, &twisted), &mut *frames, findings, subject)?;
+    }
+    Ok(twisted)
+}
+
+/// A twisted pose turned by 180 degrees gives the twisted answer turned by 180 degrees: rotations of the marks then lie on both
+/// sides of half a turn, where a rule such as "w >= 0" tears the field.
+fn half_turn(
+    mesh: &TriangleMesh,
+    problem: &TransferProblem,
+    axis: usize,
+    (pose, answer): (&[Vector], &[Vector]),
+    frames: &mut dyn TransferFrame,
+    findings: &mut Findings,
+    subject: &Subject,
+) -> Result<(), NoAnswer> {
+    let q = about_axis(axis, std::f64::consts::PI);
+    let turned: Vec<Vector> = pose.iter().map(|&p| rotate(q, p)).collect();
+    let mut target = vec![[f64::NAN; 3]; answer.len()];
+    frames.frame(&turned, &mut target)?;
+    let mut expected: Vec<Vector> = answer.iter().map(|&p| rotate(q, p)).collect();
+    problem.pieces().unreferenced().iter().for_each(|&v| expected[v as usize] = mesh.positions()[v as usize]);
+    let off = distance(mesh, &target, &expected);
+    findings.at_most(
+        Level::Behaviour,
+        "half a turn",
+        off,
+        2.0 * subject.limits.transfer,
+        "a twisted pose turned by 180 degrees",
+    );
+    Ok(())
 }
 
 /// U sums to zero: the fragments pull on each other, not on the whole.

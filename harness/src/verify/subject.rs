@@ -21,8 +21,8 @@ pub struct Discretisation {
     pub laplacian: fn(&TriangleMesh) -> SymmetricCsr,
     /// Diagonal of M.
     pub mass: fn(&TriangleMesh, Mass) -> Vec<f64>,
-    /// L with one vertex fixed in every component.
-    pub ground: fn(SymmetricCsr, &[[f64; 3]]) -> Result<Dirichlet, DirichletError>,
+    /// One vertex of every component, to be fixed at 0.
+    pub ground: fn(&SymmetricCsr) -> Vec<u32>,
 }
 
 impl Discretisation {
@@ -30,8 +30,23 @@ impl Discretisation {
     pub const TRUE: Self = Self {
         laplacian: |mesh| Laplacian::assemble(mesh, Weights::Plain).into_matrix(),
         mass: mass::lumped,
-        ground: |l, positions| Dirichlet::grounded(l, Some(positions)),
+        ground: |l| {
+            Dirichlet::grounded(l.clone(), None).map_or(Vec::new(), |problem| problem.fixed().to_vec())
+        },
     };
+
+    /// `laplacian` with the vertices of [`ground`](Self::ground) fixed.
+    ///
+    /// # Errors
+    /// [`DirichletError`], for instance where a component has no fixed vertex.
+    pub fn grounded(
+        &self,
+        laplacian: SymmetricCsr,
+        positions: &[[f64; 3]],
+    ) -> Result<Dirichlet, DirichletError> {
+        let fixed = (self.ground)(&laplacian);
+        Dirichlet::new(laplacian, Some(positions), &fixed)
+    }
 }
 
 /// A backend under validation.

@@ -9,17 +9,17 @@ use crate::shapes;
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::Entry;
 
-/// Everything with an answer on paper, and the behaviour on a small sphere, torus and two pieces. Iterative backends must converge.
+/// Everything with an answer on paper (sine modes on n x n `grids`), and the behaviour on a small sphere, torus and two
+/// pieces. Iterative backends must converge.
 pub fn analytic(
     subjects: &[Subject],
     discretisation: &Discretisation,
     trusted: &[Entry],
-    grid: usize,
+    grids: &[usize],
 ) -> Findings {
     let mut findings = Findings::default();
-    analytic::sine_modes(65, subjects, discretisation, trusted, &mut findings);
-    if grid > 65 {
-        analytic::sine_modes(grid, subjects, discretisation, trusted, &mut findings);
+    for &n in grids {
+        analytic::sine_modes(n, subjects, discretisation, trusted, &mut findings);
     }
     analytic::linear_precision(33, subjects, discretisation, &mut findings);
     analytic::convergence(subjects, &mut findings);
