@@ -28,7 +28,7 @@ pub(super) fn next(h: HalfEdge) -> HalfEdge {
 
 /// The half-edge before h in its triangle.
 pub(super) fn previous(h: HalfEdge) -> HalfEdge {
-    if h % 3 == 0 { h + 2 } else { h - 1 }
+    if h.is_multiple_of(3) { h + 2 } else { h - 1 }
 }
 
 impl HalfEdges {

@@ -1,5 +1,4 @@
-//! A first mesh of an implicit surface: marching tetrahedra (Doi and Koide 1991) on a
-//! jittered lattice.
+//! A first mesh of an implicit surface: marching tetrahedra (Doi and Koide 1991) on a jittered lattice.
 
 use super::random::Random;
 use super::surface::Surface;
@@ -14,7 +13,8 @@ struct Lattice {
     values: Vec<f64>,
 }
 
-/// Displacement of a lattice point along each axis, in spacings. Below 0.5 no cell turns inside out.
+/// Largest displacement of a lattice point along each axis, in spacings: breaks the pattern, keeps the shape of cells.
+/// (The mesh would be a closed manifold with any displacement.)
 const JITTER: f64 = 0.2;
 
 impl Lattice {
@@ -55,8 +55,7 @@ impl Lattice {
         self.values[index] < 0.0
     }
 
-    /// The vertex where the surface crosses the lattice edge from the lower to the higher of two points that a
-    /// tetrahedron shares; each edge has one vertex.
+    /// Where the surface crosses the line between two lattice points, by linear interpolation.
     fn crossing(&self, from: usize, to: usize) -> Vector {
         let (a, b) = (self.values[from], self.values[to]);
         lerp(self.points[from], self.points[to], a / (a - b))
@@ -64,10 +63,10 @@ impl Lattice {
 }
 
 /// The six ways from a corner of a cube to the opposite one along its edges, as axes; each is a tetrahedron. The
-/// first three are even permutations.
+/// first three are even permutations of the axes and give positively oriented tetrahedra.
 const PATHS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]];
 
-/// Corners of a tetrahedron reordered by an even permutation: (the corners inside, which come first).
+/// Even permutations of the corners of a tetrahedron that bring one or two chosen corners to the front.
 const EVEN: [(&[usize], [usize; 4]); 10] = [
     (&[0], [0, 1, 2, 3]),
     (&[1], [1, 0, 3, 2]),
@@ -85,47 +84,71 @@ const EVEN: [(&[usize], [usize; 4]); 10] = [
 /// tetrahedron is crossed by at most one sheet and neighbours agree on their common face. Slivers abound.
 pub(super) fn polygonise(surface: &Surface, spacing: f64, seed: u64) -> (Vec<Vector>, Vec<[u32; 3]>) {
     let lattice = Lattice::sample(surface, spacing, seed);
-    let mut vertices = Vec::new();
-    let mut triangles = Vec::new();
-    // Every edge of a tetrahedron runs from a point by one of seven sums of axes.
-    let mut vertex_on = vec![u32::MAX; 8 * lattice.values.len()];
+    let mut mesh = Mesh {
+        // Every edge of a tetrahedron runs from a lattice point by one of seven sums of axes.
+        vertex_on: vec![u32::MAX; 8 * lattice.values.len()],
+        lattice: &lattice,
+        vertices: Vec::new(),
+        triangles: Vec::new(),
+    };
     for cell in lattice.cells() {
         for (path, axes) in PATHS.iter().enumerate() {
-            let mut corners = [(cell, 0); 4]; // lattice point, and the axes walked so far as bits
+            let mut corners = [(cell, 0); 4];
             for (i, &axis) in axes.iter().enumerate() {
                 corners[i + 1] = (corners[i].0 + lattice.step(axis), corners[i].1 | 1 << axis);
             }
-            let mut vertex = |i: usize, j: usize| {
-                let ((from, a), (to, b)) = (corners[i.min(j)], corners[i.max(j)]);
-                let vertex = &mut vertex_on[8 * from + (a ^ b)];
-                if *vertex == u32::MAX {
-                    *vertex = vertices.len() as u32;
-                    vertices.push(lattice.crossing(from, to));
-                }
-                *vertex
-            };
-            let inside = corners.map(|(point, _)| lattice.inside(point));
-            let count = inside.iter().filter(|&&x| x).count();
-            let first = |wanted: bool| {
-                EVEN.iter().find(|(set, _)| (0..4).all(|i| set.contains(&i) == (inside[i] == wanted)))
-            };
-            let (faces, flip) = match count {
-                1 | 3 => {
-                    let [a, b, c, d] = first(count == 1).expect("one corner differs").1;
-                    ([Some([vertex(a, b), vertex(a, c), vertex(a, d)]), None], count == 3)
-                }
-                2 => {
-                    let [a, b, c, d] = first(true).expect("two corners are inside").1;
-                    let [p, q, r, s] = [vertex(a, c), vertex(a, d), vertex(b, d), vertex(b, c)];
-                    ([Some([p, q, r]), Some([p, r, s])], false)
-                }
-                _ => continue,
-            };
-            let odd = path >= 3;
-            triangles.extend(
-                faces.into_iter().flatten().map(|[a, b, c]| if flip != odd { [a, c, b] } else { [a, b, c] }),
-            );
+            mesh.tetrahedron(corners, path < 3);
         }
     }
-    (vertices, triangles)
+    (mesh.vertices, mesh.triangles)
+}
+
+/// A corner of a tetrahedron: lattice point, and the axes walked to it from the first corner as bits.
+type Corner = (usize, usize);
+
+/// The mesh made so far.
+struct Mesh<'a> {
+    lattice: &'a Lattice,
+    vertex_on: Vec<u32>,
+    vertices: Vec<Vector>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh<'_> {
+    /// Adds the piece of surface in one tetrahedron: nothing, a triangle, or a quadrilateral.
+    fn tetrahedron(&mut self, corners: [Corner; 4], positive: bool) {
+        let inside = corners.map(|(point, _)| self.lattice.inside(point));
+        let count = inside.iter().filter(|&&x| x).count();
+        if count == 0 || count == 4 {
+            return;
+        }
+        // A corner alone on its side comes first, or the two inside.
+        let chosen = inside.map(|x| x == (count < 3));
+        let brings = |set: &[usize]| (0..4).all(|i| set.contains(&i) == chosen[i]);
+        let (_, order) = EVEN.iter().find(|(set, _)| brings(set)).expect("every choice is listed");
+        let [a, b, c, d] = order.map(|i| corners[i]);
+        if count == 2 {
+            let [p, q, r, s] = [(a, c), (a, d), (b, d), (b, c)].map(|edge| self.vertex(edge));
+            self.push([p, q, r], positive);
+            self.push([p, r, s], positive);
+        } else {
+            let triangle = [(a, b), (a, c), (a, d)].map(|edge| self.vertex(edge));
+            self.push(triangle, positive == (count == 1));
+        }
+    }
+
+    /// The vertex on an edge of a tetrahedron, made when it is first asked for.
+    fn vertex(&mut self, (one, other): (Corner, Corner)) -> u32 {
+        let (from, to) = if one.1 < other.1 { (one, other) } else { (other, one) };
+        let vertex = &mut self.vertex_on[8 * from.0 + (from.1 ^ to.1)];
+        if *vertex == u32::MAX {
+            *vertex = self.vertices.len() as u32;
+            self.vertices.push(self.lattice.crossing(from.0, to.0));
+        }
+        *vertex
+    }
+
+    fn push(&mut self, [a, b, c]: [u32; 3], positive: bool) {
+        self.triangles.push(if positive { [a, b, c] } else { [a, c, b] });
+    }
 }

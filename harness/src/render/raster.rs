@@ -34,7 +34,7 @@ struct Scene {
 /// Draws a mesh. Triangles without area in the picture leave no trace; both sides of a triangle are lit alike, so
 /// that a mesh with mixed orientation still shows its shape.
 ///
-/// Cost: vertices and triangles once, then the samples covered; about 0.1 s for 300,000 triangles at 800 x 800.
+/// Cost: every vertex once, every triangle once per band of the picture, then the samples it covers.
 pub fn draw(mesh: &TriangleMesh, style: &Style<'_>, camera: &Camera) -> Image {
     let samples = style.samples.clamp(1, 8);
     let (width, height) = style.size;
