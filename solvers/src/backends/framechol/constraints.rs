@@ -28,6 +28,8 @@ pub struct Constraints {
     values: Vec<f64>,
     /// L_FC: (free vertex, row among the constraints, stored entry), sorted.
     coupling: Vec<(u32, u32, u32)>,
+    /// Row among the constraints of every constrained vertex; 0 for others.
+    row: Vec<u32>,
 }
 
 impl Constraints {
@@ -39,14 +41,8 @@ impl Constraints {
         problem.fixed().iter().for_each(|&v| kind[v as usize] = Kind::Fixed);
         let component = components(&laplacian);
         let values = vec![0.0; laplacian.stored()];
-        let mut out = Self {
-            laplacian,
-            kind,
-            component,
-            fixed: problem.fixed().to_vec(),
-            values,
-            coupling: Vec::new(),
-        };
+        let (fixed, coupling, row) = (problem.fixed().to_vec(), Vec::new(), vec![0; laplacian.n()]);
+        let mut out = Self { laplacian, kind, component, fixed, values, coupling, row };
         out.refresh();
         out
     }
@@ -116,8 +112,7 @@ impl Constraints {
     fn refresh(&mut self) {
         let n = self.kind.len();
         let largest = (0..n).map(|v| self.laplacian.diagonal(v)).fold(0.0, f64::max);
-        let mut row_of = vec![0; n];
-        self.fixed.iter().enumerate().for_each(|(row, &v)| row_of[v as usize] = row as u32);
+        self.fixed.iter().enumerate().for_each(|(row, &v)| self.row[v as usize] = row as u32);
         self.coupling.clear();
         for i in 0..n {
             for entry in self.laplacian.row_range(i) {
@@ -129,8 +124,8 @@ impl Constraints {
                     _ => 0.0,
                 };
                 match (self.kind[i], self.kind[j]) {
-                    (Kind::Free, Kind::Fixed) => self.coupling.push((i as u32, row_of[j], entry as u32)),
-                    (Kind::Fixed, Kind::Free) => self.coupling.push((j as u32, row_of[i], entry as u32)),
+                    (Kind::Free, Kind::Fixed) => self.coupling.push((i as u32, self.row[j], entry as u32)),
+                    (Kind::Fixed, Kind::Free) => self.coupling.push((j as u32, self.row[i], entry as u32)),
                     _ => {}
                 }
             }

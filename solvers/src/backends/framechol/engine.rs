@@ -74,6 +74,12 @@ impl<T: Lanes, E: Send> Engine<T, E> {
         mut extra: impl FnMut(&Part) -> E,
     ) -> Result<Self, PrepareError> {
         let threads = symbolic.threads();
+        let bytes =
+            symbolic.parts.iter().map(|part| Panels::<T>::bytes_for(part) + Workspace::bytes_for(part)).sum();
+        // Asked for in one piece and given back at once: an allocation that fails later would end the process.
+        Vec::<u8>::new()
+            .try_reserve_exact(usize::try_from(bytes).unwrap_or(usize::MAX))
+            .map_err(|_| PrepareError::OutOfMemory { bytes })?;
         let shares = symbolic.parts[..threads].iter().map(|part| Share {
             panels: Panels::new(part),
             work: Workspace::new(part),
@@ -202,7 +208,9 @@ impl<T: Lanes, E: Send> Engine<T, E> {
             let rows = top_rows.into_iter().map(|p| p - first_of_top + first_local);
             panels.push(top.panels.reach(rows, &mut Vec::new()));
         }
-        Reach { panels }
+        let all = self.shares.iter().map(|s| &s.panels).chain(self.top.iter().map(|t| &t.panels));
+        let skipped = all.zip(&panels).map(|(all, active)| all.bytes() - all.forward_bytes(active));
+        Reach { skipped_bytes: skipped.sum(), panels }
     }
 
     /// Columns that one frame can take.

@@ -272,13 +272,3 @@ pub fn multiply_by_inverse<F: Features>(rows: &[f64], x: &[f64], width: usize, c
     );
     tile
 }
-
-/// Tile (b, c) of the inverse of the pivot block, X^T X: rows 8 b .. 8 b + 8, columns 8 c .. 8 c + 8.
-#[inline(always)]
-pub fn inverse_tile<F: Features>(x: &[f64], width: usize, b: usize, c: usize) -> Tile {
-    let mut tile = [[0.0; BLOCK]; BLOCK];
-    let skip = b.max(c) * BLOCK * BLOCK;
-    let columns = |c: usize| &x[c * width * BLOCK + skip..(c + 1) * width * BLOCK];
-    subtract_product::<F>(&mut tile, columns(b), columns(c));
-    tile.map(|column| column.map(|v| -v))
-}

@@ -60,7 +60,7 @@ impl<M: Method> HarmonicField<M> {
     /// Wraps `method`, which has factored `constraints.values()` with the vertices eliminated in `order`.
     pub fn new(constraints: Constraints, method: M, order: Arc<[u32]>) -> Self {
         let position = inverse(&order);
-        let reach = Reach { panels: Vec::new() };
+        let reach = Reach { panels: Vec::new(), skipped_bytes: 0 };
         let mut field = Self { method, constraints, order, position, coupling: Coupling::default(), reach };
         field.couple();
         field
@@ -117,6 +117,7 @@ impl<M: Method> Harmonic for HarmonicField<M> {
         let own = 12 * laplacian.n() + 20 * laplacian.stored() + 20 * self.coupling.entries.len();
         let mut footprint = self.method.footprint();
         footprint.host_bytes = footprint.host_bytes.map(|bytes| bytes + own as u64);
+        footprint.bytes_per_solve = footprint.bytes_per_solve.map(|bytes| bytes - self.reach.skipped_bytes);
         footprint
     }
 }

@@ -36,6 +36,7 @@ use method::{Method, Plan, Single};
 use refine::Refined;
 use std::marker::PhantomData;
 use std::sync::Arc;
+use supernodes::Supernodes;
 use symbolic::Symbolic;
 
 /// Opens `framechol-f64`: stored and swept in f64.
@@ -53,15 +54,25 @@ pub fn open_mixed(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavail
     Ok(Box::new(FrameChol::<Refined>::new(options)))
 }
 
+/// Sweep cost in entries from which a second thread pays. Waking a parked thread takes some 50 microseconds at the start
+/// of a frame; a smaller factor is swept by one thread in little more than that.
+const LEAST_PARALLEL: u64 = 400_000;
+
 struct FrameChol<M> {
     isa: Isa,
     threads: usize,
+    least_parallel: u64,
     method: PhantomData<fn() -> M>,
 }
 
 impl<M: Method> FrameChol<M> {
     fn new(options: &OpenOptions<'_>) -> Self {
-        Self { isa: Isa::best(), threads: options.threads, method: PhantomData }
+        Self {
+            isa: Isa::best(),
+            threads: options.threads,
+            least_parallel: LEAST_PARALLEL,
+            method: PhantomData,
+        }
     }
 
     /// Orders, analyses and factors a matrix of the pattern of `matrix` with these values. Returns the method and the
@@ -83,13 +94,15 @@ impl<M: Method> FrameChol<M> {
                 (order.to_vec(), "given")
             }
             None => {
-                let ordering = ordering::nested_dissection(&graph);
+                let ordering = with_threads(self.threads, || ordering::nested_dissection(&graph))?;
                 (ordering.order, ordering.name)
             }
         };
         on(Phase::Symbolic);
-        let symbolic = Symbolic::new(matrix, &graph, &order, self.threads);
-        drop((graph, order));
+        let groups = Supernodes::new(&graph, &order);
+        let threads = if groups.total_cost() < self.least_parallel { 1 } else { self.threads };
+        let symbolic = Symbolic::new(matrix, &groups, &order, threads);
+        drop((graph, order, groups));
         let order = Arc::clone(&symbolic.order);
         let max_columns = options.max_columns;
         let mut method = M::new(Plan { isa: self.isa, symbolic, matrix, max_columns, ordering })?;
@@ -131,6 +144,17 @@ impl<M: Method> Backend for FrameChol<M> {
             .factorise(constraints.laplacian(), constraints.values(), &options, on)
             .map_err(|error| in_rows_of(problem, error))?;
         Ok(Box::new(HarmonicField::new(constraints, method, order)))
+    }
+}
+
+/// Runs `work` with a thread pool of its own.
+fn with_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> Result<R, PrepareError> {
+    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+        Ok(pool) => Ok(pool.install(work)),
+        Err(error) => {
+            let what = format!("{threads} threads: the system refuses to start them ({error})");
+            Err(PrepareError::Unsupported { what })
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! children, its pivots are eliminated, the panel is packed for the sweeps, and the update matrix goes to the parent by
 //! way of a stack (J. W. H. Liu, "The multifrontal method for sparse matrix solution", SIAM Review 34, 1992). All in f64;
 //! all memory is allocated once.
-use super::front::{BLOCK, factor_panel, update_block, update_rest};
+use super::front::{BLOCK, FrontShape, factor_panel, update_block, update_rest};
 use super::panels::{Panels, STRIP};
 use super::symbolic::Part;
 use crate::isa::{Features, Kernel, Real};
@@ -37,6 +37,34 @@ struct Target {
     column: usize,
 }
 
+/// How the update matrices of a part lie on the stack.
+struct Stack {
+    /// Start of every supernode's.
+    place: Vec<usize>,
+    /// Numbers on the stack, at most.
+    peak: usize,
+    /// Matrices on the stack, at most.
+    depth: usize,
+}
+
+/// Plays the factorisation through: children leave the stack, their parent enters it.
+fn stack(part: &Part) -> Stack {
+    let mut place = vec![0; part.len()];
+    let mut waiting: Vec<u32> = Vec::new();
+    let (mut end, mut peak, mut depth) = (0, 0, 0);
+    for s in 0..part.len() {
+        for _ in 0..part.children[s] {
+            end = place[waiting.pop().expect("children come before parents") as usize];
+        }
+        place[s] = end;
+        end += part.shape(s).update_len();
+        waiting.push(s as u32);
+        peak = peak.max(end);
+        depth = depth.max(waiting.len());
+    }
+    Stack { place, peak, depth }
+}
+
 /// Elimination met a pivot that is not positive and finite.
 #[derive(Clone, Copy, Debug)]
 pub struct Breakdown {
@@ -47,22 +75,18 @@ pub struct Breakdown {
 }
 
 impl Workspace {
+    /// Bytes of fronts and stack that [`new`](Self::new) will ask for.
+    pub fn bytes_for(part: &Part) -> u64 {
+        let largest =
+            |of: fn(FrontShape) -> usize| (0..part.len()).map(|s| of(part.shape(s))).max().unwrap_or(0);
+        let fronts = largest(FrontShape::panel_len) + largest(FrontShape::update_len);
+        8 * (fronts + stack(part).peak) as u64
+    }
+
     /// Sizes everything for `part`.
     pub fn new(part: &Part) -> Self {
         let shapes = || (0..part.len()).map(|s| part.shape(s));
-        let mut place = vec![0; part.len()];
-        let mut waiting: Vec<u32> = Vec::new();
-        let (mut end, mut peak, mut depth) = (0, 0, 0);
-        for s in 0..part.len() {
-            for _ in 0..part.children[s] {
-                end = place[waiting.pop().expect("children come before parents") as usize];
-            }
-            place[s] = end;
-            end += part.shape(s).update_len();
-            waiting.push(s as u32);
-            peak = peak.max(end);
-            depth = depth.max(waiting.len());
-        }
+        let Stack { place, peak, depth } = stack(part);
         Self {
             panel: vec![0.0; shapes().map(|f| f.panel_len()).max().unwrap_or(0)],
             update: vec![0.0; shapes().map(|f| f.update_len()).max().unwrap_or(0)],

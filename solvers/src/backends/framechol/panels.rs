@@ -3,18 +3,18 @@
 //! A supernode is cut into strips of at most [`STRIP`] pivots; each strip is a **panel**. With S the Schur complement of
 //! the strip's pivots (its pivot block when its turn comes) and F the rows below, a panel holds the two matrices of the
 //! block factorisation A = (I + M) S (I + M)^T:
-//! - `diagonal`: S^-1, width x width, read once per solve;
+//! - `diagonal`: X with S^-1 = X^T X, the inverse of the Cholesky factor of S: a triangle, read once per solve (X^T X
+//!   itself would be a square, and S x = y would only be solved to the condition of S, not to its root);
 //! - `values`: M = F S^-1, rows below x width, read once by each sweep.
 //!
 //! So neither sweep ever waits for a triangular solve; both are products with dense blocks. Rows come in blocks of eight,
 //! each block column after column, eight numbers per column; a last block of t < 8 rows has t numbers per column, so
 //! that nothing is padded.
-use super::front::{BLOCK, FrontShape, inverse_tile, invert_pivots, multiply_by_inverse};
+use super::front::{BLOCK, FrontShape, invert_pivots, multiply_by_inverse, update_block};
 use super::symbolic::Part;
 use crate::isa::{Features, Real};
 
-/// Most pivots of a panel. Wider ones read no fewer bytes (S^-1 is a full square), cost width^3 to invert, and lose
-/// accuracy when stored in f32.
+/// Most pivots of a panel. Wider ones read no fewer bytes, cost width^3 to invert, and lose accuracy when stored in f32.
 pub const STRIP: usize = 64;
 
 /// Place and size of one panel.
@@ -50,7 +50,7 @@ impl Panel {
     /// Its range in [`Panels::diagonal`].
     #[inline(always)]
     pub fn diagonal(&self) -> std::ops::Range<usize> {
-        self.diagonal..self.diagonal + self.width as usize * self.width as usize
+        self.diagonal..self.diagonal + triangle_len(self.width as usize)
     }
 }
 
@@ -58,6 +58,8 @@ impl Panel {
 pub struct Reach {
     /// For every thread, then for the top.
     pub panels: Vec<Vec<u32>>,
+    /// Bytes of all other panels, which a forward sweep along the paths does not read.
+    pub skipped_bytes: u64,
 }
 
 /// The panels of one part in elimination order, with numbers in T.
@@ -68,7 +70,7 @@ pub struct Panels<T> {
     pub rows: Vec<u32>,
     /// M of every panel.
     pub values: Vec<T>,
-    /// S^-1 of every panel.
+    /// X of every panel.
     pub diagonal: Vec<T>,
     /// Panels of supernode s: `list[starts[s]..starts[s + 1]]`.
     starts: Vec<u32>,
@@ -96,12 +98,23 @@ impl<T: Real> Panels<T> {
                     diagonal,
                 });
                 values += width * below as usize;
-                diagonal += width * width;
+                diagonal += triangle_len(width);
             }
             starts.push(list.len() as u32);
         }
         let (values, diagonal) = (vec![T::default(); values], vec![T::default(); diagonal]);
         Self { list, rows, values, diagonal, starts }
+    }
+
+    /// Bytes of numbers that [`new`](Self::new) will ask for.
+    pub fn bytes_for(part: &Part) -> u64 {
+        let entries = |s: usize| {
+            let FrontShape { width, below } = part.shape(s);
+            let strips = strips(width)
+                .map(|(from, strip)| strip * (width - from - strip + below) + triangle_len(strip));
+            strips.sum::<usize>()
+        };
+        (0..part.len()).map(|s| (entries(s) * size_of::<T>()) as u64).sum()
     }
 
     /// Panels on the paths from the pivots `rows` (local numbers) upwards, within the part. Rows of the top that they reach
@@ -129,7 +142,17 @@ impl<T: Real> Panels<T> {
         (numbers + size_of_val(&self.rows[..]) + size_of_val(&self.list[..])) as u64
     }
 
-    /// Bytes that a forward and a backward sweep read: everything twice, S^-1 once.
+    /// Bytes that a forward sweep over the panels `active` alone reads.
+    pub fn forward_bytes(&self, active: &[u32]) -> u64 {
+        let bytes = |panel: &Panel| {
+            size_of::<T>() * (panel.values().len() + panel.diagonal().len())
+                + size_of::<u32>() * panel.rows().len()
+                + size_of::<Panel>()
+        };
+        active.iter().map(|&at| bytes(&self.list[at as usize]) as u64).sum()
+    }
+
+    /// Bytes that a forward and a backward sweep read: everything twice, X once.
     pub fn bytes_per_solve(&self) -> u64 {
         2 * self.bytes() - size_of_val(&self.diagonal[..]) as u64
     }
@@ -142,7 +165,7 @@ impl<T: Real> Panels<T> {
             let width = strip.width as usize;
             let from = (strip.first - self.list[self.starts[s] as usize].first) as usize;
             invert_pivots::<F>(shape, panel, from, width, x);
-            store_inverse::<F, T>(x, width, &mut self.diagonal[strip.diagonal()]);
+            store_inverse::<T>(x, width, &mut self.diagonal[strip.diagonal()]);
             store_below::<F, T>(shape, panel, from, width, x, &mut self.values[strip.values()]);
         }
     }
@@ -158,18 +181,22 @@ fn strips(width: usize) -> impl Iterator<Item = (usize, usize)> {
         .map(move |(from, step)| (from, step.min(width - from)))
 }
 
-/// Writes S^-1 = X^T X as rows in blocks of eight.
+/// Numbers of a stored triangle X: rows in blocks of eight, each with the columns up to its diagonal tile.
+pub fn triangle_len(width: usize) -> usize {
+    update_block(width / BLOCK) + width % BLOCK * width
+}
+
+/// Writes X, the inverse of the pivot block of L, from its negative in `x`.
 #[inline(always)]
-fn store_inverse<F: Features, T: Real>(x: &[f64], width: usize, out: &mut [T]) {
+fn store_inverse<T: Real>(x: &[f64], width: usize, out: &mut [T]) {
     for b in 0..width.div_ceil(BLOCK) {
         let lanes = BLOCK.min(width - b * BLOCK);
-        let rows = &mut out[b * BLOCK * width..][..lanes * width];
-        for c in 0..width.div_ceil(BLOCK) {
-            let tile = inverse_tile::<F>(x, width, b, c);
-            let columns = BLOCK.min(width - c * BLOCK);
-            for j in 0..columns {
-                let to = &mut rows[(c * BLOCK + j) * lanes..][..lanes];
-                to.iter_mut().zip(&tile[j]).for_each(|(to, &v)| *to = T::from_f64(v));
+        let rows = &mut out[update_block(b)..];
+        for j in 0..width.min((b + 1) * BLOCK) {
+            let column = &x[(j / BLOCK * width + b * BLOCK) * BLOCK + j % BLOCK..];
+            for i in 0..lanes {
+                let entry = if b * BLOCK + i < j { 0.0 } else { -column[i * BLOCK] };
+                rows[j * lanes + i] = T::from_f64(entry);
             }
         }
     }

@@ -52,6 +52,11 @@ impl Supernodes {
         self.starts[s + 1] - self.starts[s]
     }
 
+    /// Sweep cost of the whole factor in stored entries.
+    pub fn total_cost(&self) -> u64 {
+        (0..self.len()).map(|s| self.cost(s)).sum()
+    }
+
     /// Sweep cost of group `s` in stored entries: the weight of a task.
     pub fn cost(&self, s: usize) -> u64 {
         sweep_cost(u64::from(self.width(s)), u64::from(self.below[s]))

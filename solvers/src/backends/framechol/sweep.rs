@@ -1,14 +1,14 @@
 //! The two sweeps: what a frame consists of.
 //!
-//! With the panels' matrices M and S^-1 (see [`super::panels`]) and y the permuted right-hand side:
-//! - forward, panel after panel: y_rows -= M y_pivots, then y_pivots := S^-1 y_pivots;
+//! With the panels' matrices M and X, S^-1 = X^T X (see [`super::panels`]) and y the permuted right-hand side:
+//! - forward, panel after panel: y_rows -= M y_pivots, then y_pivots := X^T (X y_pivots);
 //! - backward, in reverse: y_pivots -= M^T y_rows.
 //!
 //! A vector entry holds K numbers, the columns of a vertex, in one register; an entry of M is broadcast to it. Per entry
 //! of M and sweep: one multiply-add of K lanes and 8 (f64) or 4 (f32) bytes streamed. Per row of a panel: 4 bytes of
 //! index, one load (and in the forward sweep one store) of K numbers, mostly from cache. Per block of eight rows and
 //! pivot: one load (and in the backward sweep one store) of K numbers from the first cache.
-use super::front::BLOCK;
+use super::front::{BLOCK, update_block};
 use super::panels::{Panel, Panels, STRIP};
 use crate::isa::{Features, Kernel};
 use crate::lanes::{Shape, Vector};
@@ -75,7 +75,7 @@ macro_rules! with_length {
     };
 }
 
-/// y_rows -= M y_pivots; y_pivots := S^-1 y_pivots.
+/// y_rows -= M y_pivots; y_pivots := X^T (X y_pivots).
 #[inline(always)]
 fn forward<V: Vector>(panels: &Panels<V::T>, panel: &Panel, work: &mut [V::Row]) {
     let (first, width) = (panel.first as usize, panel.width as usize);
@@ -130,36 +130,64 @@ fn subtract_product<V: Vector, const R: usize>(
     }
 }
 
-/// y := S^-1 y for W pivots, W <= 8: all results fit the registers.
+/// y := X^T (X y) for W pivots, W <= 8: all of X y fits the registers, and X is read again from the first cache.
 #[inline(always)]
-fn multiply_in_place<V: Vector, const W: usize>(inverse: &[V::T], y: &mut [V::Row]) {
+fn multiply_in_place<V: Vector, const W: usize>(x: &[V::T], y: &mut [V::Row]) {
+    let columns = x.as_chunks::<W>().0;
     let mut sum = [V::zero(); W];
-    for (m, y) in inverse.as_chunks::<W>().0.iter().zip(&*y) {
+    for (x, y) in columns.iter().zip(&*y) {
         let y = V::load(y);
         for i in 0..W {
-            sum[i] = sum[i].add_scaled(m[i], y);
+            sum[i] = sum[i].add_scaled(x[i], y);
         }
     }
-    for (sum, y) in sum.into_iter().zip(y) {
-        sum.store(y);
+    for (x, y) in columns.iter().zip(y) {
+        dot::<V, W>(x, &sum, V::zero()).store(y);
     }
 }
 
-/// y := S^-1 y for more than eight pivots.
+/// start + sum_i x[i] y[i]; two sums halve the chain of dependent additions.
 #[inline(always)]
-fn multiply_pivots<V: Vector>(inverse: &[V::T], y: &mut [V::Row]) {
-    let width = y.len();
+fn dot<V: Vector, const R: usize>(x: &[V::T; R], y: &[V; R], start: V) -> V {
+    let mut sums = [start, V::zero()];
+    for i in 0..R {
+        sums[i % 2] = sums[i % 2].add_scaled(x[i], y[i]);
+    }
+    sums[0].add(sums[1])
+}
+
+/// y := X^T (X y) for more than eight pivots.
+#[inline(always)]
+fn multiply_pivots<V: Vector>(x: &[V::T], y: &mut [V::Row]) {
     let mut buffer = [V::Row::default(); STRIP];
-    let from = &mut buffer[..width];
-    from.copy_from_slice(y);
-    let (blocks, tail) = y.as_chunks_mut::<BLOCK>();
-    let (m, tail_m) = inverse.split_at(blocks.len() * BLOCK * width);
-    for (out, m) in blocks.iter_mut().zip(m.chunks_exact(BLOCK * width)) {
-        multiply_rows::<V, BLOCK>(m, from, out);
+    let product = &mut buffer[..y.len()];
+    let (blocks, tail) = product.as_chunks_mut::<BLOCK>();
+    let tail_x = &x[update_block(blocks.len())..];
+    for (b, out) in blocks.iter_mut().enumerate() {
+        multiply_rows::<V, BLOCK>(&x[update_block(b)..update_block(b + 1)], y, out);
     }
     with_length!(tail.len(), R, {
-        multiply_rows::<V, R>(tail_m, from, tail.first_chunk_mut().expect("R rows"));
+        multiply_rows::<V, R>(tail_x, y, tail.first_chunk_mut().expect("R rows"));
     });
+    y.fill(V::Row::default());
+    for (b, rows) in blocks.iter().enumerate() {
+        add_transposed::<V, BLOCK>(&x[update_block(b)..update_block(b + 1)], rows, y);
+    }
+    with_length!(tail.len(), R, {
+        add_transposed::<V, R>(tail_x, tail.first_chunk().expect("R rows"), y);
+    });
+}
+
+/// y += m^T rows for the columns that m has.
+#[inline(always)]
+fn add_transposed<V: Vector, const R: usize>(m: &[V::T], rows: &[V::Row; R], y: &mut [V::Row]) {
+    let mut sum = [V::zero(); R];
+    for i in 0..R {
+        sum[i] = V::load(&rows[i]);
+    }
+    for (m, y) in m.as_chunks::<R>().0.iter().zip(y) {
+        dot::<V, R>(m, &sum, V::load(y)).store(y);
+    }
 }
 
 /// out := m y for R rows.

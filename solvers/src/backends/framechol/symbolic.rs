@@ -2,7 +2,7 @@
 use super::front::{BLOCK, FrontShape};
 use super::supernodes::{Supernodes, children};
 use super::tasks::Tasks;
-use crate::ordering::{Graph, NONE, inverse};
+use crate::ordering::{NONE, inverse};
 use crate::sparse::SymmetricCsr;
 use std::sync::Arc;
 
@@ -84,21 +84,21 @@ impl Part {
 }
 
 impl Symbolic {
-    /// Analyses the pattern of `matrix` eliminated in (about) `order`, for `threads` threads.
+    /// Analyses the pattern of `matrix`, whose columns eliminated in (about) `order` are grouped in `groups`, for `threads`
+    /// threads.
     ///
     /// The order in use, [`Symbolic::order`], is an equivalent one: same fill, subtrees together.
-    pub fn new(matrix: &SymmetricCsr, graph: &Graph, order: &[u32], threads: usize) -> Self {
-        let groups = Supernodes::new(graph, order);
+    pub fn new(matrix: &SymmetricCsr, groups: &Supernodes, order: &[u32], threads: usize) -> Self {
         let tasks = if threads == 1 {
             Tasks::serial(groups.len())
         } else {
             let cost: Vec<u64> = (0..groups.len()).map(|s| groups.cost(s)).collect();
             Tasks::balanced(&groups.parent, &cost, threads)
         };
-        let numbering = Numbering::new(&groups, &tasks, order);
-        let structure = Structure::new(matrix, &groups, &numbering);
+        let numbering = Numbering::new(groups, &tasks, order);
+        let structure = Structure::new(matrix, groups, &numbering);
         let parts = (0..numbering.parts.len())
-            .map(|part| structure.part(part, &groups, &tasks, &numbering))
+            .map(|part| structure.part(part, groups, &tasks, &numbering))
             .collect::<Vec<_>>();
         let shapes = || parts.iter().flat_map(|p| (0..p.len()).map(|s| p.shape(s)));
         Self {

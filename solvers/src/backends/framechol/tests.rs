@@ -37,7 +37,17 @@ fn mesh(side: u32) -> (usize, Vec<(u32, u32)>) {
 }
 
 fn backend<M: Method>(isa: Isa, threads: usize) -> FrameChol<M> {
-    FrameChol { isa, threads, method: PhantomData }
+    FrameChol { isa, threads, least_parallel: 0, method: PhantomData }
+}
+
+/// All rows of the registry, in parallel however small the system is.
+fn backends(threads: usize) -> [(&'static str, Box<dyn Backend>); 3] {
+    let isa = Isa::best();
+    [
+        ("framechol-f64", Box::new(backend::<Single<f64>>(isa, threads))),
+        ("framechol-f32", Box::new(backend::<Single<f32>>(isa, threads))),
+        ("framechol-mixed", Box::new(backend::<Refined>(isa, threads))),
+    ]
 }
 
 /// x with A x = b for k columns.
@@ -141,11 +151,9 @@ fn sparse_right_hand_sides_give_the_field_of_the_dense_path() {
     let problem = Dirichlet::new(laplacian, None, &fixed).expect("a constrained component");
     let (options, k) = (PrepareOptions::columns(4), 4);
     let g = right_hand_side(fixed.len(), k);
-    for id in ["framechol-f64", "framechol-f32", "framechol-mixed"] {
+    for (id, backend) in backends(1).into_iter().chain(backends(2)) {
         let entry = registry::find(id).expect("a row");
-        for threads in [1, 2] {
-            let backend =
-                (entry.open)(&OpenOptions { threads, ..OpenOptions::default() }).expect("always there");
+        {
             let dense = backend
                 .prepare(problem.system().expect("free rows"), &options, &mut |_| {})
                 .expect("definite");
@@ -161,7 +169,7 @@ fn sparse_right_hand_sides_give_the_field_of_the_dense_path() {
                 }
                 let apart = fields[0].iter().zip(&fields[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                 let limit = Limits::of(entry.precision, entry.accuracy, 0.0).harmonic;
-                assert!(apart < limit, "{id}, {threads} threads, round {round}: {apart:e}");
+                assert!(apart < limit, "{id}, {}, round {round}: {apart:e}", backend.describe().threads);
                 dense.update_values(&values, &mut |_| {}).expect("definite");
                 sparse.update_values(&values, &mut |_| {}).expect("definite");
             }
@@ -200,10 +208,8 @@ fn edited_constraints_give_the_field_of_a_fresh_handle() {
     let starts = laplacian.row_starts().to_vec();
     starts[..n].iter().for_each(|&s| laplacian.values_mut()[s as usize] -= 0.1);
     let (options, k) = (PrepareOptions::columns(3), 3);
-    for id in ["framechol-f64", "framechol-f32", "framechol-mixed"] {
+    for (id, backend) in backends(2) {
         let entry = registry::find(id).expect("a row");
-        let backend =
-            (entry.open)(&OpenOptions { threads: 2, ..OpenOptions::default() }).expect("always there");
         let fresh = |fixed: &[u32]| {
             let problem = Dirichlet::new(laplacian.clone(), None, fixed).expect("a constrained component");
             backend.prepare_harmonic(&problem, &options, &mut |_| {}).expect("definite")
