@@ -106,6 +106,15 @@ pub trait Factor: Send {
         None
     }
 
+    /// Has every iteration of later solves reported to `observer`: its number and the largest relative residual over the
+    /// columns, as the recurrence has it. That is how a history over time is recorded, with the caller's clock (this crate
+    /// reads none); blocks of more than eight columns are reported eight at a time. `None` ends it. Returns false
+    /// (provided) where there are no iterations to report.
+    fn observe(&mut self, observer: Option<Box<dyn FnMut(u32, f64) + Send>>) -> bool {
+        let _ = observer;
+        false
+    }
+
     /// What the handle holds and moves.
     fn footprint(&self) -> Footprint;
 }

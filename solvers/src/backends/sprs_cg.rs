@@ -75,7 +75,7 @@ impl Operator for SprsMatrix {
             let mut sum = [0.0; W];
             for (j, &a) in row.iter() {
                 for c in 0..W {
-                    sum[c] += a * x[j as usize][c].to_f64();
+                    sum[c] += a * x[j][c].to_f64();
                 }
             }
             sink(i, sum);

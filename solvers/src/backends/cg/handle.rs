@@ -16,6 +16,7 @@ pub(crate) struct CgFactor<A, S> {
     tolerance: f64,
     x: Vec<f64>,
     workspace: [Vec<S>; 4],
+    observer: Option<Box<dyn FnMut(u32, f64) + Send>>,
 }
 
 impl<A: Operator, S: Stored> CgFactor<A, S> {
@@ -29,7 +30,8 @@ impl<A: Operator, S: Stored> CgFactor<A, S> {
     ) -> Self {
         let length = matrix.csr().n() * width(max_columns);
         let workspace = std::array::from_fn(|_| vec![S::default(); length]);
-        Self { matrix, preconditioner, method, tolerance, x: vec![0.0; length], workspace }
+        let x = vec![0.0; length];
+        Self { matrix, preconditioner, method, tolerance, x, workspace, observer: None }
     }
 
     /// Columns `first ..` as far as W lanes go.
@@ -47,7 +49,13 @@ impl<A: Operator, S: Stored> CgFactor<A, S> {
             Goal { method: self.method, tolerance: self.tolerance, budget: self.preconditioner.budget() };
         let vectors = Vectors { x: self.x[..n * W].as_chunks_mut::<W>().0, r, z, p, q };
         let m = preconditioner(&mut *self.preconditioner);
-        krylov::solve(&self.matrix, m, goal, window, rhs, x, vectors, &mut |_, _| {})
+        let observer = &mut self.observer;
+        let observe = &mut |iteration, residual| {
+            if let Some(observer) = observer {
+                observer(iteration, residual);
+            }
+        };
+        krylov::solve(&self.matrix, m, goal, window, rhs, x, vectors, observe)
     }
 }
 
@@ -77,6 +85,11 @@ impl<A: Operator, S: Stored> Factor for CgFactor<A, S> {
         self.preconditioner
             .update(self.matrix.csr())
             .map_err(|error| super::in_system(error, self.matrix.rows()))
+    }
+
+    fn observe(&mut self, observer: Option<Box<dyn FnMut(u32, f64) + Send>>) -> bool {
+        self.observer = observer;
+        true
     }
 
     fn footprint(&self) -> Footprint {

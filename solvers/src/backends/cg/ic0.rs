@@ -51,7 +51,7 @@ impl IncompleteCholesky {
                 pivot -= l * l;
             }
             lower.end_row();
-            if !(pivot > SMALLEST_PIVOT * diagonal[i]) {
+            if pivot.is_nan() || pivot <= SMALLEST_PIVOT * diagonal[i] {
                 return None;
             }
             inverse.push(1.0 / pivot.sqrt());

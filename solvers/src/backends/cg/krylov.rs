@@ -110,7 +110,7 @@ pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
         run.iterate(observe);
         run.rr = run.true_residual();
         let missing = |c: usize| !run.reached(c, ACCEPTED);
-        let stuck = |c: usize| !(run.rr[c] <= RESTART_GAIN * RESTART_GAIN * before[c]);
+        let stuck = |c: usize| run.rr[c].is_nan() || run.rr[c] > RESTART_GAIN * RESTART_GAIN * before[c];
         let reached = !(0..W).any(missing);
         let hopeless =
             run.exhausted() || (0..W).any(|c| missing(c) && (run.lane[c] == Lane::Broken || stuck(c)));

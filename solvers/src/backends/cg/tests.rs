@@ -178,3 +178,26 @@ fn ic0_survives_positive_off_diagonals() {
     factor.solve(Columns::new(&b, n, 1), Columns::new(&mut x[..], n, 1)).expect("converges");
     assert!(relative(system.matrix(), &x, &b, 1) <= 1.1e-10);
 }
+
+/// The observer hears every iteration once, in order, down to the tolerance.
+#[test]
+fn iterations_are_observed() {
+    let matrix = grid(20, 1e-2);
+    let (n, b) = (matrix.n(), wave(matrix.n(), 1));
+    let mut factor = prepare(&matrix, 1, 1e-8);
+    let (sender, receiver) = std::sync::mpsc::channel();
+    assert!(factor.observe(Some(Box::new(move |iteration, residual| {
+        sender.send((iteration, residual)).expect("the test listens");
+    }))));
+    let mut x = vec![0.0; n];
+    let solved = factor.solve(Columns::new(&b, n, 1), Columns::new(&mut x[..], n, 1)).expect("converges");
+    assert!(factor.observe(None));
+    let history: Vec<(u32, f64)> = receiver.iter().collect();
+    assert_eq!(
+        history.iter().map(|h| h.0).collect::<Vec<_>>(),
+        (1..=history.len() as u32).collect::<Vec<_>>()
+    );
+    assert_eq!(solved.iterations, Some(history.len() as u32));
+    let (first, last) = (history[0].1, history[history.len() - 1].1);
+    assert!(last <= 1e-8 && first > 1e-3, "from {first:e} to {last:e}");
+}

@@ -49,7 +49,8 @@ pub(crate) fn barycentric(a: Csr<'_>, cells: &Cells, positions: &[Vector]) -> Ro
     for cell in 0..cells.count() {
         triangles.around(cell, &adjacent, &sample);
         for &i in members.row(cell).0 {
-            nearest[i as usize] = triangles.nearest(cell as u32, sub(positions[i as usize], sample[cell]));
+            let offset = sub(positions[i as usize], sample[cell]);
+            nearest[i as usize] = triangles.nearest(cell as u32, offset);
         }
     }
     for (corners, weights) in nearest {
@@ -126,6 +127,9 @@ impl Triangles {
     /// Corners and barycentric weights of the point nearest to `q` on any of the triangles (or edges, where there are none).
     fn nearest(&self, cell: u32, q: Vector) -> ([u32; 3], [f64; 3]) {
         let mut best = (dot(q, q), [cell, NONE, NONE], [1.0, 0.0, 0.0]);
+        if best.0 == 0.0 {
+            return (best.1, best.2); // the sample itself
+        }
         let mut offer = |a: (u32, Vector, f64), b: (u32, Vector, f64)| {
             let off: Vector = std::array::from_fn(|i| a.2 * a.1[i] + b.2 * b.1[i] - q[i]);
             let distance = dot(off, off);

@@ -155,7 +155,7 @@ impl Stiff {
         let mut weights = Rows::with_capacity(order.len(), 6 * order.len());
         for &v in &order {
             let (couplings, pivot) = schur.eliminate(v as usize);
-            if !(pivot > 0.0) {
+            if pivot.is_nan() || pivot <= 0.0 {
                 return Err(v as usize);
             }
             couplings.iter().for_each(|&(j, a)| weights.push(j, (-a / pivot) as f32));
