@@ -181,7 +181,7 @@ fn summaries(all: &[Finding]) -> Vec<&Finding> {
         let failed = finding.outcome == Ended::Failed;
         match kept.iter_mut().find(same) {
             Some(old) if !failed && spare(old) > spare(finding) => *old = finding,
-            Some(old) if !failed || (failed && *old == finding) => {}
+            Some(old) if !failed || *old == finding => {}
             _ => kept.push(finding),
         }
     }
