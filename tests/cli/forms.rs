@@ -164,6 +164,30 @@ fn compare_finds_what_got_worse() {
 }
 
 #[test]
+fn frames_are_checked_and_a_subdivided_mesh_follows_its_coarse_form() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let out = folder.path().join("r.json");
+    for (arguments, name) in [("", "sphere:2"), ("--subdivide 1", "sphere:2+loop1")] {
+        let base =
+            "run --quick --workload transfer --backend dense --threads 1 --cell-time 0.1 --mesh sphere:2";
+        assert_eq!(code(&format!("{base} {arguments} --out {}", out.display())), 0);
+        let cell = &read(&out).cells[0];
+        assert_eq!(cell.mesh.name, name);
+        assert_eq!(cell.status, Status::Ok, "{:?}", cell.reason);
+        assert!(
+            cell.frame_ns.p50.is_some() && cell.solve_ns.p50.is_none() && cell.frames_per_second.is_some()
+        );
+        assert_eq!(cell.allocations_per_frame, Some(0.0));
+        let accuracy = &cell.accuracy;
+        assert!(accuracy.backward_error.is_some() && accuracy.constraint_error.is_some(), "{accuracy:?}");
+        assert!(accuracy.forward_error.is_some_and(|e| e < 1e-9), "{accuracy:?}");
+    }
+    let (exit, cells, _) = run("--workload transfer --backend wrong");
+    let wrong = cells.iter().find(|c| c.workload == "transfer").expect("a row");
+    assert_eq!((exit, wrong.status), (4, Status::Invalid), "{:?}", wrong.reason);
+}
+
+#[test]
 fn requirements() {
     assert_eq!(run("--backend dense --require dense").0, 0);
     let (exit, cells, stderr) = run("--backend absent --require abs");

@@ -77,6 +77,7 @@ impl Name {
                     let fine =
                         Subdivision::new(&mesh, subdivide).with_context(|| name.clone())?.mesh().clone();
                     let sha256 = hexadecimal(&crate::mesh_io::checksum(&fine));
+                    unsubdivided = Some(mesh);
                     (Content::Mesh(fine), sha256, notes)
                 }
             }

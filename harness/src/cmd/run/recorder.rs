@@ -32,8 +32,11 @@ impl Recorder {
     /// # Errors
     /// Where the folder cannot be made; [`save`](Self::save) finds out whether it is writable.
     pub fn new(path: Option<&PathBuf>, short: bool) -> anyhow::Result<Self> {
-        if let Some(folder) = path.and_then(|p| p.parent()).filter(|f| !f.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        if let Some(path) = path
+            && let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty())
+        {
+            std::fs::create_dir_all(folder)
+                .with_context(|| format!("{}: its folder cannot be made", path.display()))?;
         }
         let command: Vec<String> = std::env::args().map(|a| shell_word(&a)).collect();
         let terminal = std::io::stderr().is_terminal() && std::env::var_os("CI").is_none();
