@@ -23,11 +23,11 @@ const RUNS_LARGE: usize = 4;
 /// See [`RUNS_LARGE`].
 const LARGE: usize = 400;
 /// Vertices joined per step of the small multilevel scheme: pairs.
-const PAIR: u64 = 2;
+const PAIR: u64 = 3;
 /// Seeds from which a separator is grown on the coarsest graph of the small multilevel scheme.
-const TRIES: usize = 4;
+const TRIES: usize = 1;
 /// Vertices of that coarsest graph, at most (unless coarsening stalls).
-const SMALLEST: usize = 50;
+const SMALLEST: usize = 100;
 
 /// The sides and the separator of a bisection, as labels.
 #[derive(Clone, Copy)]
@@ -182,7 +182,8 @@ impl Bisector {
             for label in &self.labels[..view.n()] {
                 label.store(1, Relaxed);
             }
-            let seed = (self.next_random() % view.n() as u64) as u32;
+            let from = (self.next_random() % view.n() as u64) as u32;
+            let seed = self.farthest(view, from);
             self.labels[seed as usize].store(SEPARATOR, Relaxed);
             self.separator.clear();
             self.separator.push(seed);
@@ -195,6 +196,27 @@ impl Bisector {
             }
         }
         best.expect("at least one try")
+    }
+
+    /// The vertex reached last in a breadth-first search.
+    fn farthest(&mut self, view: View<'_>, from: u32) -> u32 {
+        self.queue.clear();
+        self.queue.push(from);
+        self.slots[from as usize].store(0, Relaxed);
+        let mut at = 0;
+        while at < self.queue.len() {
+            for &w in view.neighbours(self.queue[at]) {
+                if self.slots[w as usize].load(Relaxed) == UNKNOWN {
+                    self.slots[w as usize].store(0, Relaxed);
+                    self.queue.push(w);
+                }
+            }
+            at += 1;
+        }
+        for &v in &self.queue {
+            self.slots[v as usize].store(UNKNOWN, Relaxed);
+        }
+        self.queue[at - 1]
     }
 
     /// Distributes the components of a disconnected graph over the two sides, each to the lighter one: no separator

@@ -6,7 +6,6 @@
 //! next pass goes the other way. After C. M. Fiduccia and R. M. Mattheyses, DAC 1982; vertex separators as in
 //! C. Ashcraft and J. W. H. Liu, SIAM J. Matrix Anal. Appl. 19 (1998).
 use super::coarsen::View;
-use std::collections::BinaryHeap;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// Vertices not known to the refiner.
@@ -88,11 +87,9 @@ impl<S: Split> Region<'_, S> {
 #[derive(Clone, Copy)]
 struct Candidate {
     vertex: u32,
-    /// Weight of its neighbours on the side that pays for its move; [`MOVED`] when it has left the separator.
+    /// Weight of its neighbours on the side that pays for its move.
     pull: u32,
 }
-
-const MOVED: u32 = u32::MAX;
 
 /// A vertex that took another label.
 #[derive(Clone, Copy)]
@@ -106,18 +103,26 @@ pub(super) struct Change {
 #[derive(Default)]
 pub(super) struct Refiner {
     candidates: Vec<Candidate>,
-    /// Candidates by gain; entries that are no longer true stay until they come to the top.
-    queue: BinaryHeap<u64>,
+    queue: GainQueue,
     /// All changes of the last call in order, a vertex possibly more than once.
     changes: Vec<Change>,
 }
 
-/// A pass ends after this many moves without improvement per separator vertex ...
-const PATIENCE: f64 = 2.0;
-/// ... but not before ...
-const PATIENCE_LEAST: usize = 50;
-/// ... and not after so many.
-const PATIENCE_MOST: usize = 300;
+/// A pass ends after this many moves per separator vertex without improvement. Separators on regular meshes can
+/// wander over plateaus for ever.
+const PATIENCE: usize = 8;
+/// It also ends when the separator weighs this many of its average vertices more than the best one: from there a
+/// pass hardly ever comes back, and most moves would be spent there.
+const SLACK: f64 = 2.0;
+
+/// When a pass gives up.
+#[derive(Clone, Copy)]
+struct Bounds {
+    /// Moves since the best state.
+    idle: usize,
+    /// Weight of the separator above that of the best state.
+    slack: u64,
+}
 
 impl Refiner {
     /// Improves the separator in up to `passes` passes to each side. `separator` holds its vertices; on return,
@@ -133,9 +138,9 @@ impl Refiner {
         let mut side = usize::from(sizes.0[1] < sizes.0[0]);
         for pass in 0..2 * passes {
             let before = sizes;
-            let patience =
-                ((PATIENCE * separator.len() as f64) as usize).clamp(PATIENCE_LEAST, PATIENCE_MOST);
-            sizes = self.pass(region, separator, sizes, side, patience, LARGEST_SIDE);
+            let average = sizes.0[2] as f64 / separator.len().max(1) as f64;
+            let bounds = Bounds { idle: PATIENCE * separator.len(), slack: (SLACK * average) as u64 };
+            sizes = self.pass(region, separator, sizes, side, bounds);
             if pass > 0 && !sizes.better_than(&before) {
                 break;
             }
@@ -152,7 +157,7 @@ impl Refiner {
         sizes: Sizes,
     ) -> Sizes {
         self.changes.clear();
-        self.pass(region, separator, sizes, 0, usize::MAX, LARGEST_SIDE)
+        self.pass(region, separator, sizes, 0, Bounds { idle: usize::MAX, slack: u64::MAX / 2 })
     }
 
     /// The changes of the last call, in order; a vertex may appear more than once.
@@ -160,35 +165,41 @@ impl Refiner {
         &self.changes
     }
 
-    /// Moves vertices to `side` until `patience` moves have not improved on the best state or the side holds more
-    /// than `share` of everything, then returns to the best state.
+    /// Moves vertices to `side` until the bounds are reached or the side has become too large, then returns to the
+    /// best state.
     fn pass<S: Split>(
         &mut self,
         region: &Region<'_, S>,
         separator: &mut Vec<u32>,
         mut sizes: Sizes,
         side: usize,
-        patience: usize,
-        share: f64,
+        bounds: Bounds,
     ) -> Sizes {
         self.candidates.clear();
-        self.queue.clear();
+        self.queue.clear(region.graph, separator);
         for &v in separator.iter() {
             self.enter(region, side, v);
         }
-        let most = (share * sizes.0.iter().sum::<u64>() as f64) as u64;
-        let (mut best, mut kept, mut idle) = (sizes, self.changes.len(), 0);
-        while idle < patience && (sizes.0[side] <= most || sizes.0[side] < sizes.0[1 - side]) {
-            let Some(slot) = self.next_move(region.graph) else { break };
+        let most = (LARGEST_SIDE * sizes.0.iter().sum::<u64>() as f64) as u64;
+        let first = self.changes.len();
+        let (mut best, mut kept, mut idle) = (sizes, first, 0);
+        let mut best_cost = best.cost();
+        while idle < bounds.idle
+            && sizes.0[2] <= best.0[2] + bounds.slack
+            && (sizes.0[side] <= most || sizes.0[side] < sizes.0[1 - side])
+        {
+            let Some(slot) = self.queue.pop() else { break };
             self.apply(region, slot, side, &mut sizes);
             idle += 1;
-            if sizes.better_than(&best) {
-                (best, kept, idle) = (sizes, self.changes.len(), 0);
+            let cost = sizes.cost();
+            if cost < best_cost || (cost == best_cost && sizes.imbalance() < best.imbalance()) {
+                (best, best_cost, kept, idle) = (sizes, cost, self.changes.len(), 0);
             }
         }
         for change in self.changes.drain(kept..).rev() {
             region.labels[change.vertex as usize].store(change.before, Relaxed);
         }
+        self.settle(region, first);
         separator.clear();
         for candidate in &self.candidates {
             region.slots[candidate.vertex as usize].store(UNKNOWN, Relaxed);
@@ -206,45 +217,26 @@ impl Refiner {
         }
         let mut pull = 0;
         for &w in region.graph.neighbours(v) {
-            if region.side(w) == 1 - side {
-                pull += region.graph.weight(w);
-            }
+            pull += if region.side(w) == 1 - side { region.graph.weight(w) } else { 0 };
         }
         let slot = self.candidates.len() as u32;
         region.slots[v as usize].store(slot, Relaxed);
         self.candidates.push(Candidate { vertex: v, pull });
-        self.queue.push(self.key(region.graph, slot));
+        self.queue.push(gain(region.graph, v, pull));
     }
 
-    /// Queue entry: the gain of moving a candidate, then the candidate itself, the latest first.
-    fn key(&self, graph: View<'_>, slot: u32) -> u64 {
-        let candidate = &self.candidates[slot as usize];
-        let gain = i64::from(graph.weight(candidate.vertex)) - i64::from(candidate.pull);
-        (((gain + (1 << 32)) as u64) << 31) | u64::from(slot)
-    }
-
-    /// The move with the highest gain.
-    fn next_move(&mut self, graph: View<'_>) -> Option<u32> {
-        loop {
-            let key = self.queue.pop()?;
-            let slot = (key & 0x7FFF_FFFF) as u32;
-            if self.candidates[slot as usize].pull != MOVED && key == self.key(graph, slot) {
-                return Some(slot);
-            }
-        }
-    }
-
-    /// Moves a candidate to `side` and pulls its neighbours on the other side into the separator.
+    /// Moves a candidate to `side` and pulls its neighbours on the other side into the separator. The new label is
+    /// that of the whole side for now.
     fn apply<S: Split>(&mut self, region: &Region<'_, S>, slot: u32, side: usize, sizes: &mut Sizes) {
-        let (graph, split) = (region.graph, &region.split);
+        let graph = region.graph;
         let v = self.candidates[slot as usize].vertex;
-        self.candidates[slot as usize].pull = MOVED;
-        let there = graph.neighbours(v).iter().map(|&w| region.label(w)).filter(|&l| split.side(l) == side);
-        let label = split.label_on(side, there);
-        self.relabel(region.labels, v, label);
+        self.relabel(region.labels, v, region.split.label_on(side, std::iter::empty()));
         let weight = u64::from(graph.weight(v));
         sizes.0[2] -= weight;
         sizes.0[side] += weight;
+        if self.candidates[slot as usize].pull == 0 {
+            return;
+        }
         for &w in graph.neighbours(v) {
             if region.side(w) == 1 - side {
                 self.pull_in(region, w, side);
@@ -259,11 +251,12 @@ impl Refiner {
         self.relabel(region.labels, w, region.split.own());
         let weight = region.graph.weight(w);
         for &x in region.graph.neighbours(w) {
-            if region.side(x) == 2 {
+            if region.label(x) == region.split.own() {
                 let slot = region.slots[x as usize].load(Relaxed);
                 if slot != UNKNOWN {
-                    self.candidates[slot as usize].pull -= weight;
-                    self.queue.push(self.key(region.graph, slot));
+                    let candidate = &mut self.candidates[slot as usize];
+                    candidate.pull -= weight;
+                    self.queue.update(slot, gain(region.graph, x, candidate.pull));
                 }
             }
         }
@@ -274,5 +267,106 @@ impl Refiner {
         let before = labels[vertex as usize].load(Relaxed);
         labels[vertex as usize].store(after, Relaxed);
         self.changes.push(Change { vertex, before, after });
+    }
+
+    /// Gives the vertices that have left the separator since change number `first` their final labels, in the order
+    /// in which they left.
+    fn settle<S: Split>(&mut self, region: &Region<'_, S>, first: usize) {
+        let (labels, split) = (region.labels, &region.split);
+        for change in self.changes[first..].iter().filter(|c| c.before == split.own()) {
+            labels[change.vertex as usize].store(split.own(), Relaxed);
+        }
+        for change in self.changes[first..].iter_mut().filter(|c| c.before == split.own()) {
+            let side = split.side(change.after);
+            let around = region.graph.neighbours(change.vertex).iter().map(|&w| region.label(w));
+            change.after = split.label_on(side, around.filter(|&l| split.side(l) == side));
+            labels[change.vertex as usize].store(change.after, Relaxed);
+        }
+    }
+}
+
+/// How much lighter the separator becomes when v leaves it and neighbours of weight `pull` come in.
+fn gain(graph: View<'_>, v: u32, pull: u32) -> f32 {
+    graph.weight(v) as f32 - pull as f32
+}
+
+/// Number of gain classes: the bits of a word.
+const CLASSES: usize = 64;
+/// The class of gain 0: gains are small or negative.
+const ZERO_CLASS: f32 = 48.0;
+/// Gain classes per average weight of a separator vertex; with equal weights every gain has a class of its own.
+const RESOLUTION: f32 = 4.0;
+const NONE: u32 = u32::MAX;
+
+/// Candidates by class of gain: doubly linked lists, the latest first, and one bit per list that is not empty.
+#[derive(Default)]
+struct GainQueue {
+    filled: u64,
+    heads: Vec<u32>,
+    /// Per candidate: class, next, previous.
+    links: Vec<(u32, u32, u32)>,
+    /// Classes per unit of gain.
+    scale: f32,
+}
+
+impl GainQueue {
+    /// Empties the queue and adapts the classes to the weights of the separator.
+    fn clear(&mut self, graph: View<'_>, separator: &[u32]) {
+        let weight: u64 = separator.iter().map(|&v| u64::from(graph.weight(v))).sum();
+        self.scale = RESOLUTION * separator.len() as f32 / weight.max(1) as f32;
+        self.filled = 0;
+        self.heads.clear();
+        self.heads.resize(CLASSES, NONE);
+        self.links.clear();
+    }
+
+    fn class(&self, gain: f32) -> u32 {
+        (ZERO_CLASS + gain * self.scale).clamp(0.0, (CLASSES - 1) as f32) as u32
+    }
+
+    /// Adds the next candidate.
+    fn push(&mut self, gain: f32) {
+        let slot = self.links.len() as u32;
+        self.links.push((0, NONE, NONE));
+        self.link(slot, self.class(gain));
+    }
+
+    fn link(&mut self, slot: u32, class: u32) {
+        let head = std::mem::replace(&mut self.heads[class as usize], slot);
+        if head != NONE {
+            self.links[head as usize].2 = slot;
+        }
+        self.links[slot as usize] = (class, head, NONE);
+        self.filled |= 1 << class;
+    }
+
+    fn unlink(&mut self, slot: u32) {
+        let (class, next, previous) = self.links[slot as usize];
+        if next != NONE {
+            self.links[next as usize].2 = previous;
+        }
+        if previous != NONE {
+            self.links[previous as usize].1 = next;
+        } else {
+            self.heads[class as usize] = next;
+            self.filled &= !(u64::from(next == NONE) << class);
+        }
+    }
+
+    /// Files a candidate under its new gain.
+    fn update(&mut self, slot: u32, gain: f32) {
+        let class = self.class(gain);
+        if class != self.links[slot as usize].0 {
+            self.unlink(slot);
+            self.link(slot, class);
+        }
+    }
+
+    /// Takes a candidate of the highest class.
+    fn pop(&mut self) -> Option<u32> {
+        let class = 63_u32.checked_sub(self.filled.leading_zeros())?;
+        let slot = self.heads[class as usize];
+        self.unlink(slot);
+        Some(slot)
     }
 }
