@@ -1,6 +1,6 @@
 //! The command line: one file per subcommand.
 //!
-//! A new subcommand is a file with a `clap::Args` struct and a `run`, a `mod` line, a variant of [`Command`] and an arm
+//! A new subcommand is a file with a `clap::Args` struct and a `run`, a `mod` line, a variant of `Command` and an arm
 //! in `dispatch`. Data goes to stdout through [`output`], everything else to stderr.
 
 pub mod compare;

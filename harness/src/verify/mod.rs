@@ -1,7 +1,7 @@
 //! Is an answer right? Residuals recomputed in twice the precision, distances from a refined solution, limits from one
 //! table ([`lapsolve::limits`]), and the cases whose answers are known on paper.
 //!
-//! What a backend says about itself counts for nothing here. [`solution`] checks one answer, with a [`reference`];
+//! What a backend says about itself counts for nothing here. [`solution`] checks one answer, with a [`mod@reference`];
 //! [`suite`] puts the named checks together that `lapbench validate` runs.
 
 pub mod agreement;
