@@ -80,14 +80,16 @@ impl Marks {
         };
         let centroids: Vec<_> = pairs.iter().map(centroids).collect();
         let alignment = Similarity::between(&centroids);
-        let mark = |((&(p, t), reference), (c_p, c_t)): ((&(u32, u32), Frame), (Vector, Vector))| Mark {
-            template: template.triangles()[p as usize],
-            target: target.triangles()[t as usize],
-            target_centroid: c_t,
-            offset: sub(c_t, alignment.apply(c_p)),
-            reference,
-        };
-        let marks: Vec<Mark> = pairs.iter().zip(frames).zip(centroids).map(mark).collect();
+        let mut marks = Vec::with_capacity(pairs.len());
+        for ((&(p, t), reference), (c_p, c_t)) in pairs.iter().zip(frames).zip(centroids) {
+            marks.push(Mark {
+                template: template.triangles()[p as usize],
+                target: target.triangles()[t as usize],
+                target_centroid: c_t,
+                offset: sub(c_t, alignment.apply(c_p)),
+                reference,
+            });
+        }
         let (vertices, starts, at_vertex) = by_vertex(&marks);
         Ok(Self {
             marks,
