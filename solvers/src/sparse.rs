@@ -341,7 +341,7 @@ pub struct FullPattern {
     pub source: Vec<u32>,
 }
 
-/// position[order[k]] = k.
+/// `position[order[k]] = k`.
 ///
 /// # Panics
 /// If `order` is not a permutation of 0..order.len().

@@ -110,3 +110,49 @@ impl Rows {
         SymmetricCsr::from_sorted(starts, columns, values)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laplacian::{Laplacian, Weights};
+    use crate::mass::{Mass, lumped};
+
+    /// Both triangles of a matrix as n x n numbers.
+    fn dense(a: &SymmetricCsr) -> Vec<f64> {
+        let n = a.n();
+        let mut full = vec![0.0; n * n];
+        for i in 0..n {
+            for (&j, &v) in a.row(i).0.iter().zip(a.row(i).1) {
+                full[i * n + j as usize] = v;
+                full[j as usize * n + i] = v;
+            }
+        }
+        full
+    }
+
+    #[test]
+    fn powers_agree_with_dense_products() {
+        let positions =
+            (0..12).map(|i| [f64::from(i / 3), f64::from(i % 3), (f64::from(i) * 0.7).sin()]).collect();
+        let quads = (0..3u32).flat_map(|x| (0..2u32).map(move |y| 3 * x + y));
+        let triangles = quads.flat_map(|v| [[v, v + 3, v + 1], [v + 1, v + 3, v + 4]]).collect();
+        let mesh = TriangleMesh::new(positions, triangles).expect("valid");
+        let l = Laplacian::assemble(&mesh, Weights::Plain).into_matrix();
+        let mass = lumped(&mesh, Mass::Voronoi);
+        let (n, stiffness) = (12, dense(&l));
+        let mut power = stiffness.clone();
+        for k in 1..=3 {
+            let found = dense(system(&mesh, &l, &mass, k).expect("finite").system().matrix());
+            for i in 0..n {
+                for j in 0..n {
+                    let expected = power[i * n + j] + if i == j { mass[i] } else { 0.0 };
+                    let scale = power[i * n + i].abs() + power[j * n + j].abs();
+                    assert!((found[i * n + j] - expected).abs() <= 1e-13 * scale, "k = {k}, entry {i} {j}");
+                }
+            }
+            power = (0..n * n)
+                .map(|at| (0..n).map(|m| power[at / n * n + m] / mass[m] * stiffness[m * n + at % n]).sum())
+                .collect();
+        }
+    }
+}

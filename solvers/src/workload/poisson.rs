@@ -49,3 +49,26 @@ pub fn default_input(mesh: &TriangleMesh, backend: &dyn Backend) -> Result<Poiss
     let rhs = differential.trace().rhs.to_vec();
     Ok(PoissonInput { laplacian: problem.laplacian().matrix().clone(), rhs })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registry::{OpenOptions, find};
+
+    #[test]
+    fn the_default_right_hand_side_is_solvable_and_not_that_of_the_reference_pose() {
+        let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]];
+        let mesh =
+            TriangleMesh::new(corners, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).expect("valid");
+        let dense = (find("dense").expect("built in").open)(&OpenOptions::default()).expect("always there");
+        let input = default_input(&mesh, &*dense).expect("definite");
+        let mut still = vec![0.0; 12];
+        let x = crate::columns::Columns::new(mesh.positions().as_flattened(), 4, 3);
+        input.laplacian.multiply(x, crate::columns::Columns::new(&mut still, 4, 3));
+        for c in 0..3 {
+            assert!(input.rhs.iter().skip(c).step_by(3).sum::<f64>().abs() < 1e-14);
+        }
+        let change = input.rhs.iter().zip(&still).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(change > 0.1, "the extreme frame twists: {change}");
+    }
+}

@@ -47,3 +47,40 @@ pub fn right_hand_side(system: &VertexSystem, mass: &[f64], f: Columns<&[f64]>) 
     }
     b
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::laplacian::{Laplacian, Weights};
+    use crate::mass::{Mass, lumped};
+
+    #[test]
+    fn weights_mass_against_stiffness_and_leaves_unused_vertices_out() {
+        let corners = vec![[0.0; 3], [9.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let mesh =
+            TriangleMesh::new(corners, vec![[0, 3, 2], [0, 2, 4], [2, 3, 4], [0, 4, 3]]).expect("valid");
+        let (l, mass) =
+            (Laplacian::assemble(&mesh, Weights::Plain).into_matrix(), lumped(&mesh, Mass::Voronoi));
+        for tau in [1e-4, 1.0, 1e6] {
+            let system = system(&mesh, &l, &mass, tau).expect("definite");
+            assert_eq!(system.vertices(), [0, 2, 3, 4]);
+            let a = system.system().matrix();
+            let trace: f64 = (0..4).map(|i| a.diagonal(i)).sum();
+            let area: f64 = mass.iter().sum();
+            assert!(
+                (trace / (area * (1.0 + tau)) - 1.0).abs() < 1e-14,
+                "the trace of t L is tau times that of M"
+            );
+            // Constants solve it: (M + t L) 1 = M 1.
+            let ones = vec![1.0; 5];
+            let b = right_hand_side(&system, &mass, Columns::new(&ones, 5, 1));
+            let mut product = vec![0.0; 4];
+            a.multiply(Columns::new(&ones[..4], 4, 1), Columns::new(&mut product, 4, 1));
+            assert!(
+                product.iter().zip(&b).all(|(x, y)| (x - y).abs() < 1e-15 * (1.0 + tau)),
+                "{product:?} {b:?}"
+            );
+            assert_eq!(system.scatter(Columns::new(&ones[..4], 4, 1)), [1.0, 0.0, 1.0, 1.0, 1.0]);
+        }
+    }
+}
