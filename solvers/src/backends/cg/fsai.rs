@@ -2,7 +2,9 @@
 //!
 //! Row i of G: on its pattern P (columns <= i), solve A[P, P] y = e_i and take y / sqrt(y_i). The small systems are
 //! principal submatrices of A, so the result is positive definite for every SPD matrix, M-matrix or not. Applying it is
-//! two products and no triangular solve, which is why GPUs like it; on a CPU it does what IC(0) does at the same cost.
+//! two products and no triangular solve, which is why GPUs like it. On one core IC(0) is
+//! faster: it takes two thirds of the iterations, with a quarter of the entries. FSAI is the choice where IC(0) needs a
+//! large shift, or where triangular solves do not run in parallel.
 
 use super::operator::Csr;
 use super::preconditioner::{AnyPreconditioner, Preconditioner, Size};

@@ -1,8 +1,8 @@
 //! IC(0): M = L L^T, L with the pattern of A's lower triangle (Meijerink and van der Vorst 1977).
 //!
 //! Where a pivot is not safely positive (positive off-diagonals make that happen) the factorisation starts again on
-//! A + alpha diag(A) with a larger alpha (Manteuffel 1980). A third of the iterations of Jacobi at two and a half times its
-//! cost, growing with the mesh just as fast. The right choice where a multilevel hierarchy is too much to set up: a few
+//! A + alpha diag(A) with a larger alpha (Manteuffel 1980). A third of the iterations of Jacobi at some one and a half
+//! times its cost each, growing with the mesh just as fast. The right choice where a multilevel hierarchy is too much to set up: a few
 //! solves of moderate accuracy on well-shaped meshes.
 
 use super::operator::Csr;
