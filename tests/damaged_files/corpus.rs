@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use lapbench::mesh_io::Finding;
 
+use crate::check_that_nothing_panicked;
 use crate::readers::{READERS, Reader};
 
 pub fn folder() -> PathBuf {
@@ -39,6 +40,7 @@ fn check(reader: &Reader, path: &Path, declared: &str) -> Result<(), String> {
 
 #[test]
 fn every_file_has_its_declared_outcome() {
+    check_that_nothing_panicked();
     let table = std::fs::read_to_string(folder().join("outcomes.txt")).unwrap();
     let mut declared = BTreeSet::new();
     let mut differing = Vec::new();
@@ -51,6 +53,7 @@ fn every_file_has_its_declared_outcome() {
         }
         declared.insert(file.to_owned());
     }
+    check_that_nothing_panicked();
     assert!(differing.is_empty(), "\n{}", differing.join("\n"));
     for reader in &READERS {
         for entry in std::fs::read_dir(folder().join(reader.folder)).unwrap() {

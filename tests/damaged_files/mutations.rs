@@ -3,8 +3,8 @@
 use proptest::prelude::*;
 use proptest::sample::Index;
 
-use crate::corpus;
 use crate::readers::{READERS, Reader};
+use crate::{check_that_nothing_panicked, corpus};
 
 /// Words that have broken readers before: they replace whatever word stands at a place of a text.
 const NUMBERS: [&str; 10] =
@@ -80,9 +80,11 @@ fn change() -> impl Strategy<Value = Change> {
 }
 
 fn refused_or_read(reader: &Reader, bytes: &[u8]) {
+    check_that_nothing_panicked();
     if let Err(fault) = (reader.parse)(bytes) {
         assert!(!fault.problem.is_empty() && !fault.remedy.is_empty(), "{fault}");
     }
+    check_that_nothing_panicked();
 }
 
 /// Files of at most 4 KB: a mutation of a larger one seldom hits what matters.

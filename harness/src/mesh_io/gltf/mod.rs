@@ -13,7 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use ::gltf::mesh::Mode;
-use ::gltf::{Document, Error, Gltf, Node, Primitive, Semantic};
+use ::gltf::{Document, Error, Gltf, Node, Primitive, Semantic, json};
 
 use self::buffers::Buffers;
 use self::transform::Transform;
@@ -32,13 +32,27 @@ const LARGEST: usize = 1 << 24;
 pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Parsed {
     let (json, blob) = if bytes.starts_with(b"glTF") { split_binary(bytes)? } else { (bytes, None) };
     // The crate is given foreign bytes here and nowhere else; its lookups below follow indices it has validated.
-    let gltf = match catch_unwind(|| Gltf::from_slice(json)) {
-        Ok(Ok(gltf)) => gltf,
+    let document = match catch_unwind(|| validated(json)) {
+        Ok(Ok(document)) => document,
         Ok(Err(error)) => return Err(unreadable(&explain(&error))),
         Err(_) => return Err(unreadable("its structure cannot be parsed")),
     };
-    let scene = AssertUnwindSafe(|| Reader::new(&gltf.document, blob, folder)?.read(&gltf.document));
+    let scene = AssertUnwindSafe(|| Reader::new(&document, blob, folder)?.read(&document));
     catch_unwind(scene).unwrap_or_else(|_| Err(unreadable("its structure is inconsistent")))
+}
+
+/// The document that `text` describes, every index in it in range.
+fn validated(text: &[u8]) -> Result<Document, Error> {
+    let root = Gltf::from_slice_without_validation(text)?.document.into_json();
+    // The crate's validation looks the positions of a primitive up before it has checked their index.
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    for (name, accessor) in primitives.flat_map(|primitive| &primitive.attributes) {
+        if accessor.value() >= root.accessors.len() {
+            let place = json::Path::new().field("meshes").field("primitives").key(&name.to_string());
+            return Err(Error::Validation(vec![(place, json::validation::Error::IndexOutOfBounds)]));
+        }
+    }
+    Document::from_json(root)
 }
 
 fn unreadable(why: &str) -> Fault {
