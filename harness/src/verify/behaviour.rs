@@ -16,6 +16,9 @@ use lapsolve::workload::harmonic::{Constraints, DEFAULT_CONSTRAINTS, default_val
 /// Rounding that the maximum principle and constants allow a direct f64 solver.
 const EXACT: f64 = 1e-12;
 
+/// A check records what it finds, or says why there is no answer to look at.
+type Check<'a> = fn(&Field<'a>, &Subject, &mut Findings) -> Result<(), NoAnswer>;
+
 /// The harmonic workload of a mesh, with default constraints.
 pub struct Field<'a> {
     mesh: &'a TriangleMesh,
@@ -33,7 +36,7 @@ impl<'a> Field<'a> {
 
     /// All checks of this level on a harmonic field.
     pub fn check(&self, subject: &Subject, must_converge: bool, findings: &mut Findings) {
-        let checks: [(&'static str, fn(&Self, &Subject, &mut Findings) -> Result<(), NoAnswer>); 6] = [
+        let checks: [(&'static str, Check<'a>); 6] = [
             ("constant stays constant", Self::constant),
             ("maximum principle", Self::maximum_principle),
             ("superposition", Self::superposition),
