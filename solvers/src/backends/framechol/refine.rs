@@ -63,26 +63,33 @@ impl Triangle {
             }
         };
         // Entry (a, b) with a < b belongs to the row eliminated at a: found from either side of the stored triangle.
-        let mut lists: Vec<Vec<(u32, u32)>> = Vec::new();
-        lists.resize_with(own.pivots(), Vec::new);
         let range = first as u32..(first + own.pivots()) as u32;
-        for i in 0..matrix.n() {
-            for entry in matrix.row_range(i) {
-                let (a, b) = (position[i], position[matrix.columns()[entry] as usize]);
-                if range.contains(&a.min(b)) {
-                    lists[a.min(b) as usize - first].push((local(a.max(b)), entry as u32));
+        let visit = |each: &mut dyn FnMut(usize, u32, u32)| {
+            for i in 0..matrix.n() {
+                for entry in matrix.row_range(i) {
+                    let (a, b) = (position[i], position[matrix.columns()[entry] as usize]);
+                    if range.contains(&a.min(b)) {
+                        each(a.min(b) as usize - first, local(a.max(b)), entry as u32);
+                    }
                 }
             }
+        };
+        let mut starts = vec![0_u32; own.pivots() + 1];
+        visit(&mut |row, _, _| starts[row + 1] += 1);
+        for row in 0..own.pivots() {
+            starts[row + 1] += starts[row];
         }
-        let mut out = Self { starts: vec![0], columns: Vec::new(), values: Vec::new(), source: Vec::new() };
-        for list in &mut lists {
-            list.sort_unstable();
-            out.columns.extend(list.iter().map(|e| e.0));
-            out.source.extend(list.iter().map(|e| e.1));
-            out.starts.push(out.columns.len() as u32);
+        let mut next = starts.clone();
+        let mut entries = vec![(0, 0); starts[own.pivots()] as usize];
+        visit(&mut |row, column, entry| {
+            entries[next[row] as usize] = (column, entry);
+            next[row] += 1;
+        });
+        for row in starts.windows(2) {
+            entries[row[0] as usize..row[1] as usize].sort_unstable();
         }
-        out.values = vec![0.0; out.columns.len()];
-        out
+        let (columns, source): (Vec<u32>, Vec<u32>) = entries.into_iter().unzip();
+        Self { values: vec![0.0; columns.len()], starts, columns, source }
     }
 
     fn update(&mut self, values: &[f64]) {
