@@ -16,7 +16,7 @@ const TOLERANCE: f64 = 1e-8;
 /// they take. A displaced sphere of 328,000 triangles takes 12.
 const MOST_ITERATIONS: [(&str, u32); 5] = [
     ("armadillo_29k", 16),
-    ("man_35k", 45),
+    ("man_35k", 30),
     ("igea_269k", 20),
     ("discobolus_202k", 26),
     ("cortex_pial_lh_306k", 32),
