@@ -108,9 +108,9 @@ pub(super) struct Refiner {
     changes: Vec<Change>,
 }
 
-/// A pass ends after this many moves per separator vertex without improvement. Separators on regular meshes can
-/// wander over plateaus for ever.
-const PATIENCE: usize = 8;
+/// A pass ends after this many moves per separator vertex without improvement. On regular meshes a separator can
+/// wander over plateaus for ever: 8 instead of 2 doubles the time on an icosphere for one percent of fill.
+const PATIENCE: usize = 2;
 /// It also ends when the separator weighs this many of its average vertices more than the best one: from there a
 /// pass hardly ever comes back, and most moves would be spent there.
 const SLACK: f64 = 2.0;
