@@ -2,7 +2,7 @@
 //!
 //! A body is the zero set of a smooth union of about twenty solids along a skeleton ([`Skeleton`]), polygonised once
 //! and then refined or coarsened to the wanted number of triangles. Three builds share one anatomy: a template that
-//! walks ([`walk`]) and two targets that differ from it in stature, breadth and sex. The meshes are closed, of one
+//! walks ([`walk()`]) and two targets that differ from it in stature, breadth and sex. The meshes are closed, of one
 //! component and genus 0, oriented outwards, with the irregular triangles of a scan.
 //!
 //! Coordinates are metres, y up, the body stands on y = 0 and faces +z; its left is +x.

@@ -1,6 +1,6 @@
 //! Fill-reducing elimination orders for sparse Cholesky factorisation.
 //!
-//! [`minimum_degree`] is cheap and good for small or long graphs; [`nested_dissection`] fills less on surfaces and
+//! [`minimum_degree()`] is cheap and good for small or long graphs; [`nested_dissection()`] fills less on surfaces and
 //! gives the tree of independent subtrees that a parallel factorisation and a parallel solve need. Both look at the
 //! graph alone: positions are not needed. [`Pattern`] says what an order costs before any number is factored.
 mod bisect;

@@ -69,7 +69,7 @@ pub fn update_block(b: usize) -> usize {
     b * (b + 1) / 2 * BLOCK * BLOCK
 }
 
-/// tile[n][i] -= sum_k a[k][i] b[k][n] with a, b in blocks of eight rows. 128 flops and 128 bytes per k.
+/// tile\[n\]\[i\] -= sum_k a\[k\]\[i\] b\[k\]\[n\] with a, b in blocks of eight rows. 128 flops and 128 bytes per k.
 #[inline(always)]
 fn subtract_product<F: Features>(tile: &mut Tile, a: &[f64], b: &[f64]) {
     let (a, b) = (a.as_chunks::<BLOCK>().0, b.as_chunks::<BLOCK>().0);
@@ -144,7 +144,7 @@ fn factor_tile<F: Features>(tile: &mut Tile, count: usize) -> Result<(), (usize,
     Ok(())
 }
 
-/// Rows of the inverse of a lower triangular tile: inverse[k][j], zero for j > k.
+/// Rows of the inverse of a lower triangular tile: inverse\[k\]\[j\], zero for j > k.
 #[inline(always)]
 fn invert_tile<F: Features>(l: &Tile) -> Tile {
     let mut inverse = [[0.0; BLOCK]; BLOCK];
@@ -162,7 +162,7 @@ fn invert_tile<F: Features>(l: &Tile) -> Tile {
     inverse
 }
 
-/// tile := tile L^-T with the rows of L^-1 in `inverse`: column n of the result is sum_m tile[m] inverse[n][m].
+/// tile := tile L^-T with the rows of L^-1 in `inverse`: column n of the result is sum_m tile\[m\] inverse\[n\]\[m\].
 #[inline(always)]
 fn solve_tile<F: Features>(tile: &Tile, inverse: &Tile) -> Tile {
     let mut out = [[0.0; BLOCK]; BLOCK];
@@ -228,8 +228,8 @@ pub fn update_rest<F: Features>(shape: FrontShape, panel: &[f64], update: &[f64]
 
 /// The negated inverse -X of a lower triangular pivot block of `width` columns from column `from` on, X L = I.
 ///
-/// `x` holds blocks of eight *columns* of X: x[(c * width + k) * 8 + i] = -X[k][8 c + i]. Row k of X is
-/// (e_k - sum_{m < k} L[k][m] X[m]) / L[k][k]: w^3 / 6 multiply-adds, eight columns at a time.
+/// `x` holds blocks of eight *columns* of X: x[(c * width + k) * 8 + i] = -X\[k\][8 c + i]. Row k of X is
+/// (e_k - sum_{m < k} L\[k\]\[m\] X\[m\]) / L\[k\]\[k\]: w^3 / 6 multiply-adds, eight columns at a time.
 #[inline(always)]
 pub fn invert_pivots<F: Features>(
     shape: FrontShape,

@@ -69,7 +69,7 @@ impl Source for Dense<'_> {
     }
 }
 
-/// work[i] := scale times row `order[i]` of the block. Streams `work` and 4 bytes of index, gathers 8 bytes per number.
+/// work\[i\] := scale times row `order\[i\]` of the block. Streams `work` and 4 bytes of index, gathers 8 bytes per number.
 struct Gather<'a, S: Shape> {
     order: &'a [u32],
     block: Columns<&'a [f64]>,
@@ -119,7 +119,7 @@ impl<'a> Output<'a> {
     }
 }
 
-/// Row `order[i]` of the block := scale times work[i]. Returns whether all of `work` was finite.
+/// Row `order\[i\]` of the block := scale times work\[i\]. Returns whether all of `work` was finite.
 pub struct Scatter<'a, S: Shape> {
     order: &'a [u32],
     block: &'a Output<'a>,

@@ -146,7 +146,7 @@ fn multiply_in_place<V: Vector, const W: usize>(x: &[V::T], y: &mut [V::Row]) {
     }
 }
 
-/// start + sum_i x[i] y[i]; two sums halve the chain of dependent additions.
+/// start + sum_i x\[i\] y\[i\]; two sums halve the chain of dependent additions.
 #[inline(always)]
 fn dot<V: Vector, const R: usize>(x: &[V::T; R], y: &[V; R], start: V) -> V {
     let mut sums = [start, V::zero()];
