@@ -27,12 +27,14 @@ pub mod poisson;
 pub mod range;
 pub mod registry;
 pub mod residual;
+pub mod rigid;
 pub mod rotation;
 pub mod sparse;
 pub mod system;
 pub mod team;
 pub mod topology;
 pub mod triangle;
+pub mod triangle_tree;
 pub mod vector;
 pub mod workload;
 

@@ -18,7 +18,7 @@ pub fn times_power_of_two(x: f64, exponent: i32) -> f64 {
 }
 
 /// The exponent that [`within_range`] scales by; 0 for all usual coordinates.
-fn exponent(points: &[[f64; 3]]) -> i32 {
+pub fn exponent(points: &[[f64; 3]]) -> i32 {
     let largest = points.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
     if largest == 0.0 || (1e-60..1e60).contains(&largest) { 0 } else { -(largest.log2().floor() as i32) }
 }

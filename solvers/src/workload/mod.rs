@@ -7,6 +7,8 @@ pub mod matrix;
 pub mod poisson;
 pub mod sampling;
 pub mod screened;
+pub mod skinning;
+pub mod smoothing;
 pub mod transfer;
 pub mod twist;
 pub mod vertex_system;
