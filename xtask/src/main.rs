@@ -1,4 +1,4 @@
-//! Project tasks: `cargo xtask setup`, `cargo xtask test`, `cargo xtask ci`.
+//! Project tasks: `cargo xtask setup`, `cargo xtask test`, `cargo xtask ci`, `cargo xtask shaders`.
 //!
 //! Everything that is installed lands in a cache folder outside the tree (see [`cache`]) or comes from the system's
 //! package manager (see [`system`]); the solvers and the harness themselves need none of it.
@@ -7,6 +7,7 @@ mod cache;
 mod ci;
 mod peers;
 mod python;
+mod shaders;
 mod shell;
 mod system;
 mod test_runs;
@@ -31,6 +32,8 @@ enum Task {
         #[arg(long)]
         peers: bool,
     },
+    /// Compile the Vulkan shaders again, after a change of one
+    Shaders,
     /// Set up, then run all tests and doc tests
     Test(TestOptions),
     /// Formatting, lints, documentation, the build without C++ tools, then all tests; warnings are errors
@@ -51,6 +54,7 @@ struct TestOptions {
 fn main() -> ExitCode {
     let outcome = match Cli::parse().task {
         Task::Setup { peers } => setup(peers),
+        Task::Shaders => shaders::regenerate(),
         Task::Test(options) => test_runs::run(&options),
         Task::Ci(options) => ci::run(&options),
     };

@@ -14,3 +14,5 @@ mod permuted;
 pub mod sprs_cg;
 #[cfg(feature = "sprs-ldl")]
 pub mod sprs_ldl;
+#[cfg(feature = "vulkan")]
+pub mod vulkan;

@@ -4,18 +4,18 @@
 //! graph -> order -> supernodes -> tasks -> symbolic -> numeric (fronts) -> panels -> sweeps, frame after frame
 //! ```
 //! `DESIGN.md` of this crate has the layout of the factor, the task graph, the precisions, and what did not pay.
-mod constraints;
-mod engine;
-mod front;
-mod gather;
+pub(super) mod constraints;
+pub(super) mod engine;
+pub(super) mod front;
+pub(super) mod gather;
 mod harmonic;
 mod method;
-mod numeric;
+pub(super) mod numeric;
 mod panels;
 mod refine;
-mod supernodes;
+pub(super) mod supernodes;
 mod sweep;
-mod symbolic;
+pub(super) mod symbolic;
 mod tasks;
 #[cfg(test)]
 mod tests;
@@ -148,7 +148,10 @@ impl<M: Method> Backend for FrameChol<M> {
 }
 
 /// Runs `work` with a thread pool of its own.
-fn with_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> Result<R, PrepareError> {
+pub(super) fn with_threads<R: Send>(
+    threads: usize,
+    work: impl FnOnce() -> R + Send,
+) -> Result<R, PrepareError> {
     match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
         Ok(pool) => Ok(pool.install(work)),
         Err(error) => {
@@ -159,7 +162,7 @@ fn with_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> Res
 }
 
 /// The error with a row of the reduced system where it names a vertex.
-fn in_rows_of(problem: &Dirichlet, error: PrepareError) -> PrepareError {
+pub(super) fn in_rows_of(problem: &Dirichlet, error: PrepareError) -> PrepareError {
     let row = |vertex: usize| problem.free().binary_search(&(vertex as u32)).unwrap_or(vertex);
     match error {
         PrepareError::NotPositiveDefinite { row: v } => PrepareError::NotPositiveDefinite { row: row(v) },
@@ -203,7 +206,7 @@ impl<M: Method> Factor for Handle<M> {
 }
 
 /// The first row with a number that is not finite in the right-hand side, or else in the solution.
-fn first_bad_row(rhs: Columns<&[f64]>, x: Columns<&[f64]>) -> usize {
+pub(super) fn first_bad_row(rhs: Columns<&[f64]>, x: Columns<&[f64]>) -> usize {
     let bad =
         |block: Columns<&[f64]>| block.slice().iter().position(|v| !v.is_finite()).map(|at| at / block.k());
     bad(rhs).or_else(|| bad(x)).unwrap_or(0)

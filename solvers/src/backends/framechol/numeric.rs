@@ -5,9 +5,9 @@
 //! way of a stack (J. W. H. Liu, "The multifrontal method for sparse matrix solution", SIAM Review 34, 1992). All in f64;
 //! all memory is allocated once.
 use super::front::{BLOCK, FrontShape, factor_panel, update_block, update_rest};
-use super::panels::{Panels, STRIP};
+use super::panels::STRIP;
 use super::symbolic::Part;
-use crate::isa::{Features, Kernel, Real};
+use crate::isa::{Features, Kernel};
 
 /// Memory of one thread's factorisation.
 pub struct Workspace {
@@ -111,8 +111,14 @@ impl Workspace {
     }
 }
 
+/// What takes the factor, supernode after supernode.
+pub trait Store {
+    /// Takes the factored panel of supernode `s`: L on its pivots and rows below. `scratch`: [`STRIP`]^2 numbers.
+    fn store<F: Features>(&mut self, s: usize, shape: FrontShape, panel: &[f64], scratch: &mut [f64]);
+}
+
 /// The factorisation of one part.
-pub struct FactorPart<'a, T> {
+pub struct FactorPart<'a, S> {
     /// Its supernodes.
     pub part: &'a Part,
     /// Values of the matrix, by stored entry.
@@ -124,10 +130,10 @@ pub struct FactorPart<'a, T> {
     /// Memory.
     pub work: &'a mut Workspace,
     /// Where the factor goes.
-    pub out: &'a mut Panels<T>,
+    pub out: &'a mut S,
 }
 
-impl<T: Real> Kernel for FactorPart<'_, T> {
+impl<S: Store> Kernel for FactorPart<'_, S> {
     type Output = Result<(), Breakdown>;
 
     #[inline(always)]

@@ -11,6 +11,7 @@
 //! each block column after column, eight numbers per column; a last block of t < 8 rows has t numbers per column, so
 //! that nothing is padded.
 use super::front::{BLOCK, FrontShape, invert_pivots, multiply_by_inverse, update_block};
+use super::numeric::Store;
 use super::symbolic::Part;
 use crate::isa::{Features, Real};
 
@@ -156,10 +157,11 @@ impl<T: Real> Panels<T> {
     pub fn bytes_per_solve(&self) -> u64 {
         2 * self.bytes() - size_of_val(&self.diagonal[..]) as u64
     }
+}
 
-    /// Stores supernode `s` from its factored panel. `x`: scratch of `STRIP^2` numbers.
+impl<T: Real> Store for Panels<T> {
     #[inline(always)]
-    pub fn store<F: Features>(&mut self, s: usize, shape: FrontShape, panel: &[f64], x: &mut [f64]) {
+    fn store<F: Features>(&mut self, s: usize, shape: FrontShape, panel: &[f64], x: &mut [f64]) {
         for at in self.starts[s] as usize..self.starts[s + 1] as usize {
             let strip = self.list[at];
             let width = strip.width as usize;

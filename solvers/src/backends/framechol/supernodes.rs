@@ -34,11 +34,16 @@ pub struct Supernodes {
 impl Supernodes {
     /// Groups the columns of the factor of `graph` eliminated in `order`. Cost: nearly O(n + |E|).
     pub fn new(graph: &Graph, order: &[u32]) -> Self {
+        Self::with_cost(graph, order, &sweep_cost)
+    }
+
+    /// As [`new`](Self::new), for sweeps that spend `cost(width, below)` on a group.
+    pub fn with_cost(graph: &Graph, order: &[u32], cost: &dyn Fn(u64, u64) -> u64) -> Self {
         let pattern = Pattern::new(graph, order);
         let parent = pattern.elimination_tree();
         let counts = pattern.column_counts(&parent, &postorder(&parent));
         let mut groups = Chains::new(&parent, &counts);
-        groups.relax();
+        groups.relax(cost);
         groups.finish()
     }
 
@@ -109,16 +114,16 @@ impl Chains {
     }
 
     /// Merges children into parents, bottom up, where that lowers the sweep cost.
-    fn relax(&mut self) {
+    fn relax(&mut self, cost: &dyn Fn(u64, u64) -> u64) {
         let (starts, children) = children(&self.parent);
         let mut candidates = Vec::new();
         for p in 0..self.width.len() {
             candidates.clear();
             let own = &children[starts[p] as usize..starts[p + 1] as usize];
-            candidates.extend(own.iter().map(|&c| (self.gain(c, p), c)));
+            candidates.extend(own.iter().map(|&c| (self.gain(c, p, cost), c)));
             candidates.sort_unstable_by_key(|&(gain, c)| (std::cmp::Reverse(gain), c));
             for &(_, c) in &candidates {
-                if self.gain(c, p) > 0 {
+                if self.gain(c, p, cost) > 0 {
                     self.width[p] += self.width[c as usize];
                     self.into[c as usize] = p as u32;
                 }
@@ -127,8 +132,8 @@ impl Chains {
     }
 
     /// How much cheaper the sweeps get when group `c` is merged into its parent `p`.
-    fn gain(&self, c: u32, p: usize) -> i64 {
-        let of = |width: u32, below: u32| sweep_cost(u64::from(width), u64::from(below)) as i64;
+    fn gain(&self, c: u32, p: usize, cost: &dyn Fn(u64, u64) -> u64) -> i64 {
+        let of = |width: u32, below: u32| cost(u64::from(width), u64::from(below)) as i64;
         let (wc, rc) = (self.width[c as usize], self.below[c as usize]);
         let (wp, rp) = (self.width[p], self.below[p]);
         of(wc, rc) + of(wp, rp) - of(wc + wp, rp)

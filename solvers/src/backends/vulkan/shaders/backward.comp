@@ -1,0 +1,36 @@
+#version 460
+// variants: f32.texel f32.storage f64.texel f64.storage
+// One tile of the backward sweep: x = X^T (X y) - M^T x_above for eight pivots of a block. x of the rows above was written
+// by earlier dispatches.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "multiply.glsl"
+
+layout(push_constant) uniform Push { uint first; uint count; uint base; uint none; };
+READ_WORDS(0, tiles)
+READ_TEXELS(1, values)
+READ_VECTORS(2, fronts)
+READ_INDICES(3, rows)
+READ_INDICES(4, below)
+READ_VECTORS(5, above)
+layout(std430, binding = 6) writeonly buffer X { real4 x[]; };
+
+#define OWN(K, PLANE) fronts_at(PLANES * (element + K) + PLANE)
+#define ABOVE(K, PLANE) above_at(PLANES * (K < columns ? below_at(start + K) : none) + PLANE)
+
+void main() {
+    uint lane = gl_LocalInvocationID.x % LANES;
+    uint tile = (group_index() * gl_WorkGroupSize.x + gl_LocalInvocationID.x) / LANES;
+    if (tile >= count) return;
+    uvec4 head = tiles_at(2 * (first + tile)), more = tiles_at(2 * (first + tile) + 1);
+    uint element = head.x, own = head.y & 0x1FFFFFFF, height = (head.y >> 29) + 1;
+    uint at = head.z - base + lane;
+    uint start = more.x, columns = more.y, padded = (columns + 3) & ~3u;
+    real4 acc0 = real4(0), acc1 = real4(0);
+    MULTIPLY(at, own, OWN)
+    MULTIPLY(at, padded, ABOVE)
+    if (lane >= height) return;
+    uint row = rows_at(head.w + lane);
+    x[PLANES * row] = acc0;
+    if (PLANES == 2) x[2 * row + 1] = acc1;
+}
