@@ -85,3 +85,35 @@ fn noise_floods_and_silence() {
     assert_eq!(cell_of("sleep 100").status, Status::Timeout);
     assert_eq!(described("exit 0").status, Status::Error);
 }
+
+/// A peer whose answers are right and whose clock is not: `dense`, with every sample divided by 1000 on its way.
+#[test]
+fn a_clock_that_flatters_is_invalid() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (script, out) = (folder.path().join("peer.py"), folder.path().join("r.json"));
+    std::fs::write(&script, FLATTERING).expect("written");
+    let program_path = super::program().get_program().to_owned();
+    let output = program()
+        .args("run --quick --mesh sphere:4 --workload harmonic --threads 1 --cell-time 1 --out".split(' '))
+        .arg(&out)
+        .arg("--peer")
+        .arg(format!("flattering=python3 {} {}", script.display(), program_path.display()))
+        .output()
+        .expect("the program starts");
+    let cell = super::read(&out).cells.remove(0);
+    assert_eq!((output.status.code(), cell.status), (Some(4), Status::Invalid), "{:?}", cell.reason);
+    assert!(cell.reason.is_some_and(|r| r.contains("leaves most of the work out")));
+    assert_eq!((cell.solve_ns.p50, cell.samples_ns.len()), (None, 0));
+}
+
+const FLATTERING: &str = r#"
+import json, subprocess, sys
+honest = subprocess.Popen([sys.argv[1], "peer", "--backend", "nalgebra-cholesky"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+for line in sys.stdin:
+    honest.stdin.write(line)
+    honest.stdin.flush()
+    answer = json.loads(honest.stdout.readline())
+    if "samples_ns" in answer.get("ok", {}):
+        answer["ok"]["samples_ns"] = [t // 1000 + 1 for t in answer["ok"]["samples_ns"]]
+    print(json.dumps(answer), flush=True)
+"#;

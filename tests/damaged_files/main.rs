@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 mod corpus;
 mod mutations;
+mod protocol;
 mod readers;
 
 /// The readers together never hold more than this, or the process ends: the largest file here has 20 KB, and no number

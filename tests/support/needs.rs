@@ -14,6 +14,8 @@ pub enum Need {
     Vulkan,
     /// Solvers of others, installed by `cargo xtask setup --peers`.
     Peers,
+    /// A kernel that lets this user mount in a namespace of its own.
+    Namespaces,
 }
 
 impl Need {
@@ -24,6 +26,7 @@ impl Need {
             Self::Reference => "reference",
             Self::Vulkan => "vulkan",
             Self::Peers => "peers",
+            Self::Namespaces => "namespaces",
         }
     }
 

@@ -272,6 +272,8 @@ pub enum RefusalKind {
     NotConverged,
     /// Memory is not enough.
     OutOfMemory,
+    /// A pivot is not positive: the matrix, as rounded, has no Cholesky factor.
+    NotPositiveDefinite,
     /// Anything else.
     #[serde(other)]
     Failed,

@@ -18,12 +18,14 @@ pub struct Failure {
     pub status: Status,
     /// Why.
     pub reason: String,
+    /// The solver found the matrix not positive definite, which some workloads expect.
+    pub indefinite: bool,
 }
 
 impl Failure {
     /// A failure with its words.
     pub fn new(status: Status, reason: impl Into<String>) -> Self {
-        Self { status, reason: reason.into() }
+        Self { status, reason: reason.into(), indefinite: false }
     }
 }
 
@@ -40,9 +42,10 @@ impl From<Refusal> for Failure {
             RefusalKind::Unsupported => Status::Unsupported,
             RefusalKind::NotConverged => Status::NotConverged,
             RefusalKind::OutOfMemory => Status::Oom,
-            RefusalKind::Failed => Status::Error,
+            RefusalKind::NotPositiveDefinite | RefusalKind::Failed => Status::Error,
         };
-        Self { status, reason: one_line(&refusal.message) }
+        let indefinite = refusal.kind == RefusalKind::NotPositiveDefinite;
+        Self { status, reason: one_line(&refusal.message), indefinite }
     }
 }
 
@@ -144,7 +147,7 @@ impl Session {
     /// Kills the child for cause.
     fn end(&mut self, status: Status, reason: String) -> Failure {
         self.kill();
-        Failure { status, reason }
+        Failure::new(status, reason)
     }
 
     fn kill(&mut self) {
@@ -172,7 +175,7 @@ impl Session {
             fate(status),
             if last_words.is_empty() { String::new() } else { format!(": {last_words}") }
         );
-        Failure { status: if out_of_memory { Status::Oom } else { Status::Error }, reason }
+        Failure::new(if out_of_memory { Status::Oom } else { Status::Error }, reason)
     }
 
     fn wait(&mut self, limit: Duration) -> Option<ExitStatus> {

@@ -9,9 +9,11 @@ pub struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// The lines of `bytes`, of which the first has number `first`.
+    /// The lines of `bytes`, of which the first has number `first`. The byte order mark that some editors put before a
+    /// text is none of it.
     pub fn new(bytes: &'a [u8], first: usize) -> Self {
-        Self { rest: bytes, number: first - 1 }
+        let mark: &[u8] = if first == 1 { b"\xEF\xBB\xBF" } else { b"" };
+        Self { rest: bytes.strip_prefix(mark).unwrap_or(bytes), number: first - 1 }
     }
 
     /// Number of bytes not yet handed out.

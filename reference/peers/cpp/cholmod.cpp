@@ -54,7 +54,7 @@ class Cholmod final : public Solver {
     void factorise() override {
         cholmod_factorize(matrix_, factor_, &common_);
         check("factorise");
-        if (factor_->minor < factor_->n) throw Refusal("failed", "not positive definite in row " + std::to_string(factor_->minor));
+        if (factor_->minor < factor_->n) throw Refusal("not_positive_definite", "not positive definite in row " + std::to_string(factor_->minor));
     }
 
     // cholmod_solve2 keeps x and its workspaces between calls, so that no memory is allocated from the second on.

@@ -36,7 +36,7 @@ class Direct final : public Solver {
 
     void factorise() override {
         cholesky_.factorize(matrix_);
-        if (cholesky_.info() != Eigen::Success) throw Refusal("failed", "not positive definite");
+        if (cholesky_.info() != Eigen::Success) throw Refusal("not_positive_definite", "not positive definite");
         const auto stored = cholesky_.matrixL().nestedExpression().nonZeros();
         entries_ = static_cast<double>(stored + (unit_diagonal ? matrix_.rows() : 0));
     }

@@ -8,7 +8,7 @@
 
 #include "system.hpp"
 
-// What a solver cannot do; `kind` is a word of the peer protocol: out_of_memory, not_converged, unsupported, failed.
+// What a solver cannot do; `kind` is a word of the peer protocol: out_of_memory, not_converged, not_positive_definite, unsupported, failed.
 struct Refusal : std::runtime_error {
     Refusal(std::string kind, const std::string& message) : std::runtime_error(message), kind(std::move(kind)) {}
     std::string kind;

@@ -116,8 +116,9 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     recorder.save()?; // an unwritable place is found before anything is measured
     let finished: Vec<Cell> = recorder.finished().to_vec();
     plan.execute(&context.backends, &|cell| finished.iter().any(|f| f.same_as(cell)), &mut recorder)?;
-    let result = recorder.finish(args.history.as_deref())?;
-    print(args, &result)?;
+    let (result, written) = recorder.finish(args.history.as_deref());
+    print(args, &result)?; // what was measured is seen even where there was no room for it
+    written?;
     Ok(args.verdict(&result.cells))
 }
 

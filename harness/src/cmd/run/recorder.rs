@@ -80,22 +80,21 @@ impl Recorder {
         self.path.as_ref().map_or(Ok(()), |path| write(path, &self.result))
     }
 
-    /// Completes the environment, writes for the last time, appends to the history, and hands over the result.
-    ///
-    /// # Errors
-    /// Where the result or the history cannot be written.
-    pub fn finish(mut self, history: Option<&Path>) -> anyhow::Result<ResultFile> {
+    /// Completes the environment, writes for the last time and appends to the history. Hands over the result, and whether
+    /// it could be written.
+    pub fn finish(mut self, history: Option<&Path>) -> (ResultFile, anyhow::Result<()>) {
         self.progress.finish_and_clear();
         let info = &mut self.result.environment.info;
         info.load1_end = environment::load1();
         info.steal = self.ticks.zip(environment::processor_ticks()).and_then(|((s0, t0), (s1, t1))| {
             (t1 > t0).then(|| s1.saturating_sub(s0) as f64 / (t1 - t0) as f64)
         });
-        self.save()?;
+        let mut written = self.save().map_err(anyhow::Error::from);
         if let Some(path) = history {
-            append(path, &self.result).with_context(|| format!("history {}", path.display()))?;
+            let appended = append(path, &self.result).with_context(|| format!("history {}", path.display()));
+            written = written.and(appended);
         }
-        Ok(self.result)
+        (self.result, written)
     }
 }
 

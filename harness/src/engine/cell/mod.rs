@@ -8,6 +8,7 @@
 
 mod figures;
 mod frames;
+mod ledger;
 mod process;
 mod solves;
 
@@ -21,6 +22,7 @@ use crate::record::names::Status;
 use crate::record::result::{Cell, Phases};
 use crate::statistics::percentiles;
 use crate::verify::solution::Checked;
+use ledger::Ledger;
 use lapsolve::limits::Limits;
 use lapsolve::registry::{Accuracy, Precision};
 use std::path::PathBuf;
@@ -46,6 +48,7 @@ pub struct Running<'a> {
     /// Bytes a solve (direct) or an iteration reads, as the solver says.
     bytes: Option<u64>,
     read_rates: Vec<f64>,
+    ledger: Ledger,
 }
 
 /// Most solves in one request: with more, a stalled child would be noticed late.
@@ -91,6 +94,7 @@ impl<'a> Running<'a> {
             repetitions: 0,
             bytes: None,
             read_rates: Vec::new(),
+            ledger: Ledger::default(),
         }
     }
 
@@ -148,7 +152,7 @@ impl<'a> Running<'a> {
                     .and_then(|()| self.open_loops(&solve.input)),
                 Goal::Frames(frames) => self.last_frames(frames),
             };
-            self.settle(outcome);
+            self.settle(outcome.and_then(|()| self.ledger.judge()));
         }
         self.end();
         self.cell.complete = true;

@@ -51,7 +51,8 @@ impl Running<'_> {
     pub(super) fn prepare(&mut self) -> Result<(), Failure> {
         let max_columns = self.task.columns();
         let problem = self.task.problem.clone();
-        let phases: Prepared = self.ask(Request::Prepare { problem, max_columns })?;
+        let phases: Prepared =
+            self.ask(Request::Prepare { problem, max_columns }).map_err(|why| self.task.expected(why))?;
         self.cell.phases_ns.order = phases.order_ns;
         self.cell.phases_ns.symbolic = phases.symbolic_ns;
         self.cell.phases_ns.numeric = phases.numeric_ns;
@@ -91,10 +92,18 @@ impl Running<'_> {
     /// A request for `times` samples, which must be as many and fit into the time that passed here.
     pub(super) fn timed(&mut self, request: Request, times: u32) -> Result<Timed, Failure> {
         let doing = request.name();
+        let untimed = match request {
+            Request::Solve { warmup, .. } | Request::Frame { warmup, .. } => Some(warmup),
+            _ => None, // what an update converts first is not its own time
+        };
         let begin = Instant::now();
         let timed: Timed = self.ask(request)?;
         let passed = begin.elapsed();
         let claimed = timed.samples_ns.iter().fold(0u64, |sum, &t| sum.saturating_add(t));
+        if let Some(warmup) = untimed {
+            let repetitions = f64::from(times.saturating_add(warmup)) / f64::from(times.max(1));
+            self.ledger.enter(passed, Duration::from_nanos(claimed).mul_f64(repetitions));
+        }
         let lie = if timed.samples_ns.len() != times as usize {
             format!("returned {} samples for {times} repetitions", timed.samples_ns.len())
         } else if u128::from(claimed) > passed.as_nanos() {

@@ -7,7 +7,7 @@ mod prepared;
 use super::allocation;
 use super::array_file::ArrayFile;
 use super::protocol::{
-    Answer, Described, Done, Envelope, Memory, Outcome, Prepared as PreparedReply, Refusal, RefusalKind,
+    Answer, Described, Done, Envelope, MAX_LINE, Memory, Outcome, Prepared as PreparedReply, Refusal, RefusalKind,
     Request, VERSION,
 };
 use crate::process;
@@ -17,17 +17,21 @@ use lapsolve::error::{PrepareError, SolveError, Unavailable};
 use lapsolve::registry::{Entry, OpenOptions};
 use prepared::Prepared;
 use serde::Serialize;
-use std::io::{self, BufRead, Write};
+use std::io::{self, BufRead, Read, Write};
 
 /// Answers requests on `input` with lines on `output` until `quit` or the end of `input`.
 ///
 /// # Errors
 /// Where a line cannot be read or written; what a request fails with is an answer, not an error.
-pub fn serve(entry: &Entry, input: impl BufRead, mut output: impl Write) -> io::Result<()> {
+pub fn serve(entry: &Entry, mut input: impl BufRead, mut output: impl Write) -> io::Result<()> {
     let mut server = Server { entry, backend: None, prepared: None, counts: allocation::is_counting() };
-    for line in input.lines() {
-        let line = line?;
-        let answer = match serde_json::from_str::<Envelope>(&line) {
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        if (&mut input).take(MAX_LINE as u64).read_until(b'\n', &mut line)? == 0 {
+            return Ok(());
+        }
+        let answer = match serde_json::from_slice::<Envelope>(&line) {
             Ok(Envelope { request: Request::Quit, id }) => {
                 writeln!(output, "{}", render(id, Ok(Done {})))?;
                 return output.flush();
@@ -38,8 +42,10 @@ pub fn serve(entry: &Entry, input: impl BufRead, mut output: impl Write) -> io::
         writeln!(output, "{answer}")?;
         output.flush()?;
     }
-    Ok(())
 }
+
+/// More columns than any workload has; a number beyond it is a mistake that would cost memory before it is noticed.
+const MOST_COLUMNS: usize = 4096;
 
 struct Server<'a> {
     entry: &'a Entry,
@@ -105,8 +111,8 @@ impl Server<'_> {
         max_columns: usize,
     ) -> Result<PreparedReply, Refusal> {
         let backend = self.backend.as_deref().ok_or_else(|| failed("prepare before describe"))?;
-        if max_columns == 0 {
-            return Err(failed("max_columns must be at least 1"));
+        if !(1..=MOST_COLUMNS).contains(&max_columns) {
+            return Err(failed(format!("max_columns is {max_columns}, not between 1 and {MOST_COLUMNS}")));
         }
         self.prepared = None; // the old handle's memory is free before the new one takes its own
         let mut clock = PhaseClock::default();
@@ -157,6 +163,7 @@ impl From<PrepareError> for Refusal {
         let kind = match &error {
             PrepareError::OutOfMemory { .. } => RefusalKind::OutOfMemory,
             PrepareError::Unsupported { .. } => RefusalKind::Unsupported,
+            PrepareError::NotPositiveDefinite { .. } => RefusalKind::NotPositiveDefinite,
             _ => RefusalKind::Failed,
         };
         Self { kind, message: error.to_string() }

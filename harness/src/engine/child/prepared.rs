@@ -24,6 +24,8 @@ pub struct Prepared {
     inputs: usize,
     /// Rows of a solution.
     outputs: usize,
+    /// Stored entries of the matrix, as many as an update has values.
+    entries: usize,
     max_columns: usize,
 }
 
@@ -44,13 +46,14 @@ impl Prepared {
         let options = PrepareOptions::columns(max_columns);
         match problem {
             Problem::System { matrix, positions } => {
+                let entries = matrix.values.rows;
                 let system = System::new(read_matrix(matrix)?, read_points(positions.as_ref())?)
                     .map_err(|e| failed(e.to_string()))?;
                 clock.restart();
                 let factor = backend.prepare(&system, &options, &mut |phase| clock.begin(phase))?;
                 clock.stop();
                 let n = system.n();
-                Ok(Self { handle: Handle::System(factor), inputs: n, outputs: n, max_columns })
+                Ok(Self { handle: Handle::System(factor), inputs: n, outputs: n, entries, max_columns })
             }
             Problem::Harmonic { laplacian, positions, fixed } => {
                 let positions = read_points(positions.as_ref())?;
@@ -62,7 +65,8 @@ impl Prepared {
                     backend.prepare_harmonic(&problem, &options, &mut |phase| clock.begin(phase))?;
                 clock.stop();
                 let (inputs, outputs) = (problem.fixed().len(), laplacian.n);
-                Ok(Self { handle: Handle::Harmonic(harmonic), inputs, outputs, max_columns })
+                let entries = laplacian.values.rows;
+                Ok(Self { handle: Handle::Harmonic(harmonic), inputs, outputs, entries, max_columns })
             }
             Problem::Transfer { target, template, marks } => {
                 let (target, template) = (read_mesh(target)?, read_mesh(template)?);
@@ -78,7 +82,7 @@ impl Prepared {
                         other => failed(other.to_string()),
                     })?;
                 clock.stop();
-                Ok(Self { handle: Handle::Transfer(frames), inputs, outputs, max_columns })
+                Ok(Self { handle: Handle::Transfer(frames), inputs, outputs, entries: 0, max_columns })
             }
         }
     }
@@ -123,7 +127,10 @@ impl Prepared {
 
     /// `update`: see [`crate::engine::protocol::Request::Update`].
     pub fn update(&mut self, values: &ArrayFile, times: u32) -> Result<Timed, Refusal> {
-        let values: Vec<f64> = values.read()?;
+        if values.columns != 1 {
+            return Err(failed(format!("values: one number per stored entry expected, not {}", values.columns)));
+        }
+        let values = read_rows(values, self.entries, "values")?;
         repeat(0, times, false, |_| {
             let start = Instant::now();
             match &mut self.handle {
@@ -235,7 +242,8 @@ fn repeat(
     for k in 0..warmup as usize {
         step(k)?;
     }
-    let mut timed = Timed { samples_ns: Vec::with_capacity(times as usize), ..Timed::default() };
+    const ROOM: usize = 1 << 16; // what is measured in one request; a request for more grows the list between two clocks
+    let mut timed = Timed { samples_ns: Vec::with_capacity(ROOM.min(times as usize)), ..Timed::default() };
     let mut allocations = 0;
     for k in 0..times as usize {
         let Step { elapsed, solved, allocations: new } = step(warmup as usize + k)?;
