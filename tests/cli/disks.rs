@@ -76,7 +76,8 @@ fn a_read_only_folder_is_found_before_anything_is_measured() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for command in ["run --mesh body:294000 --backend dense", "matrix --mesh sphere:2 --which L"] {
         let out = folder.path().join("disk/r.out");
-        let Some(output) = on_a_disk(folder.path(), "ro", &format!("{command} --out {}", out.display())) else {
+        let Some(output) = on_a_disk(folder.path(), "ro", &format!("{command} --out {}", out.display()))
+        else {
             return;
         };
         let text = stderr(&output);

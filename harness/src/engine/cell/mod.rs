@@ -22,9 +22,9 @@ use crate::record::names::Status;
 use crate::record::result::{Cell, Phases};
 use crate::statistics::percentiles;
 use crate::verify::solution::Checked;
-use ledger::Ledger;
 use lapsolve::limits::Limits;
 use lapsolve::registry::{Accuracy, Precision};
+use ledger::Ledger;
 use std::path::PathBuf;
 
 /// A cell in the making. Whatever happens to its process becomes its status; no method fails.

@@ -7,8 +7,8 @@ mod prepared;
 use super::allocation;
 use super::array_file::ArrayFile;
 use super::protocol::{
-    Answer, Described, Done, Envelope, MAX_LINE, Memory, Outcome, Prepared as PreparedReply, Refusal, RefusalKind,
-    Request, VERSION,
+    Answer, Described, Done, Envelope, MAX_LINE, Memory, Outcome, Prepared as PreparedReply, Refusal,
+    RefusalKind, Request, VERSION,
 };
 use crate::process;
 use clock::PhaseClock;

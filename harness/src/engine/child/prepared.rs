@@ -128,7 +128,10 @@ impl Prepared {
     /// `update`: see [`crate::engine::protocol::Request::Update`].
     pub fn update(&mut self, values: &ArrayFile, times: u32) -> Result<Timed, Refusal> {
         if values.columns != 1 {
-            return Err(failed(format!("values: one number per stored entry expected, not {}", values.columns)));
+            return Err(failed(format!(
+                "values: one number per stored entry expected, not {}",
+                values.columns
+            )));
         }
         let values = read_rows(values, self.entries, "values")?;
         repeat(0, times, false, |_| {

@@ -193,7 +193,8 @@ impl Task {
     /// which is no fault of the solver.
     pub fn expected(&self, failure: Failure) -> Failure {
         if failure.indefinite && self.workload == Workload::Kharmonic3 {
-            let reason = format!("`{}` is not definite in f64 on this mesh: {}", self.workload, failure.reason);
+            let reason =
+                format!("`{}` is not definite in f64 on this mesh: {}", self.workload, failure.reason);
             return Failure::new(Status::Unsupported, reason);
         }
         failure
