@@ -17,6 +17,7 @@ use lapsolve::backend::PrepareOptions;
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
 use lapsolve::laplacian::{Laplacian, Weights};
+use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{self, OpenOptions};
 use lapsolve::sparse::SymmetricCsr;
 use tests::needs::{self, Need};
@@ -28,6 +29,7 @@ const COLUMNS: usize = 3;
 /// One small problem in both forms, in files, with the solutions that a built-in direct solver finds.
 struct Case {
     folder: tempfile::TempDir,
+    mesh: TriangleMesh,
     dirichlet: Dirichlet,
     constraints: Vec<f64>,
     field: Vec<f64>,
@@ -51,7 +53,7 @@ impl Case {
         handle
             .solve(right, Columns::new(&mut field[..], mesh.positions().len(), COLUMNS))
             .expect("well posed");
-        Self { folder: tempfile::tempdir().expect("temporary folder"), dirichlet, constraints, field }
+        Self { folder: tempfile::tempdir().expect("temporary folder"), mesh, dirichlet, constraints, field }
     }
 
     fn file<T: lapbench::engine::array_file::Number>(
@@ -83,7 +85,8 @@ impl Case {
     fn harmonic(&self) -> Problem {
         Problem::Harmonic {
             laplacian: self.matrix("laplacian", self.dirichlet.laplacian()),
-            positions: None,
+            positions: Some(self.file("positions", self.mesh.positions().as_flattened(), 3)),
+            triangles: Some(self.file("triangles", self.mesh.triangles().as_flattened(), 3)),
             fixed: self.file("fixed", self.dirichlet.fixed(), 1),
         }
     }
@@ -133,6 +136,50 @@ fn start(peer: &Peer) -> Result<(Session, Described), String> {
     }
 }
 
+/// Prepares the system; false for a peer that knows harmonic fields only.
+fn takes_systems(peer: &Peer, session: &mut Session, case: &Case) -> bool {
+    let (problem, _, _) = case.system();
+    let answer: Result<Prepared, Failure> =
+        session.ask(Request::Prepare { problem, max_columns: COLUMNS }, DEADLINE);
+    match answer {
+        Ok(prepared) => {
+            assert!(prepared.numeric_ns.is_some_and(|ns| ns > 0), "{}: {prepared:?}", peer.id);
+            true
+        }
+        Err(failure) => {
+            assert_eq!(
+                (failure.status, peer.id.as_str()),
+                (Status::Unsupported, "igl-harmonic"),
+                "{failure}"
+            );
+            false
+        }
+    }
+}
+
+/// Solves, takes new values, solves again.
+fn check_system(peer: &Peer, session: &mut Session, described: &Described, case: &Case, limit: f64) {
+    let id = &peer.id;
+    let (_, x, b) = case.system();
+    let (timed, solved) = case.solve(session, &b).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    assert_eq!((timed.samples_ns.len(), timed.samples_ns.contains(&0)), (3, false), "{id}");
+    assert_eq!(timed.iterations.is_some(), described.accuracy == Accuracy::Iterative, "{id}");
+    assert!(distance(&solved, &x) < limit, "{id}: x is off by {:e}", distance(&solved, &x));
+
+    let matrix = case.dirichlet.system().expect("free vertices").matrix();
+    let doubled: Vec<f64> = matrix.values().iter().map(|value| 2.0 * value).collect();
+    let update = Request::Update { values: case.file("doubled", &doubled, 1), times: 2 };
+    let updated: Timed = session.ask(update, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    assert_eq!(updated.samples_ns.len(), 2, "{id}");
+    let (_, halved) = case.solve(session, &b).unwrap_or_else(|failure| panic!("{id}: {failure}"));
+    let half: Vec<f64> = x.iter().map(|value| 0.5 * value).collect();
+    assert!(
+        distance(&halved, &half) < limit,
+        "{id}: after an update x is off by {:e}",
+        distance(&halved, &half)
+    );
+}
+
 /// Asks everything of one peer.
 fn check(peer: &Peer, mut session: Session, described: &Described, case: &Case) {
     let limit = match (described.precision, described.accuracy) {
@@ -143,30 +190,9 @@ fn check(peer: &Peer, mut session: Session, described: &Described, case: &Case) 
     assert_eq!(described.protocol, VERSION);
     assert!(described.details.contains_key("version"), "{}: {described:?}", peer.id);
     let id = &peer.id;
-    let mut ask = |what: &str, problem: Problem| -> Prepared {
-        let answer = session.ask(Request::Prepare { problem, max_columns: COLUMNS }, DEADLINE);
-        answer.unwrap_or_else(|failure| panic!("{id}, {what}: {failure}"))
-    };
-    let (system, x, b) = case.system();
-    let prepared = ask("system", system);
-    assert!(prepared.numeric_ns.is_some_and(|ns| ns > 0), "{id}: {prepared:?}");
-    let (timed, solved) = case.solve(&mut session, &b).unwrap_or_else(|failure| panic!("{id}: {failure}"));
-    assert_eq!((timed.samples_ns.len(), timed.samples_ns.contains(&0)), (3, false), "{id}");
-    assert_eq!(timed.iterations.is_some(), described.accuracy == Accuracy::Iterative, "{id}");
-    assert!(distance(&solved, &x) < limit, "{id}: x is off by {:e}", distance(&solved, &x));
-
-    let matrix = case.dirichlet.system().expect("free vertices").matrix();
-    let doubled: Vec<f64> = matrix.values().iter().map(|value| 2.0 * value).collect();
-    let update = Request::Update { values: case.file("doubled", &doubled, 1), times: 2 };
-    let updated: Timed = session.ask(update, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));
-    assert_eq!(updated.samples_ns.len(), 2, "{id}");
-    let (_, halved) = case.solve(&mut session, &b).unwrap_or_else(|failure| panic!("{id}: {failure}"));
-    let half: Vec<f64> = x.iter().map(|value| 0.5 * value).collect();
-    assert!(
-        distance(&halved, &half) < limit,
-        "{id}: after an update x is off by {:e}",
-        distance(&halved, &half)
-    );
+    if takes_systems(peer, &mut session, case) {
+        check_system(peer, &mut session, described, case, limit);
+    }
 
     let request = Request::Prepare { problem: case.harmonic(), max_columns: COLUMNS };
     let _: Prepared = session.ask(request, DEADLINE).unwrap_or_else(|failure| panic!("{id}: {failure}"));

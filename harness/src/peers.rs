@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use crate::cache;
+use crate::record::names::Division;
 
 /// A solver of others behind the peer protocol.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -16,6 +17,8 @@ pub struct Peer {
     pub id: String,
     /// The shell line that starts it, with `{peers}` and `{python}` for what `setup` installed.
     command: String,
+    /// Whether its settings are the library's defaults or chosen for this work.
+    pub division: Division,
     /// SPDX expression of the library that does the work.
     pub licence: String,
 }

@@ -12,6 +12,8 @@ pub enum Need {
     Reference,
     /// A Vulkan device.
     Vulkan,
+    /// Chromium and its driver.
+    Browser,
     /// Solvers of others, installed by `cargo xtask setup --peers`.
     Peers,
     /// A kernel that lets this user mount in a namespace of its own.
@@ -25,6 +27,7 @@ impl Need {
             Self::Data => "data",
             Self::Reference => "reference",
             Self::Vulkan => "vulkan",
+            Self::Browser => "browser",
             Self::Peers => "peers",
             Self::Namespaces => "namespaces",
         }

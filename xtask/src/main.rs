@@ -7,6 +7,7 @@ mod cache;
 mod ci;
 mod peers;
 mod python;
+mod results;
 mod shaders;
 mod shell;
 mod system;
@@ -26,7 +27,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Task {
-    /// Install what the tests need: software Vulkan and the pinned Python references
+    /// Install what the tests need: software Vulkan, a browser and the pinned Python references
     Setup {
         /// Also the solvers to compare with: CHOLMOD and Eigen (C++), MKL PARDISO, PyAMG, cholespy, potpourri3d
         #[arg(long)]
@@ -36,6 +37,11 @@ enum Task {
     Shaders,
     /// Set up, then run all tests and doc tests
     Test(TestOptions),
+    /// Write the results of a result file into the README, between its markers, and its picture beside it
+    Results {
+        /// A result file of `lapbench run`, in `bench_results`
+        file: std::path::PathBuf,
+    },
     /// Formatting, lints, documentation, the build without C++ tools, then all tests; warnings are errors
     Ci(TestOptions),
 }
@@ -43,7 +49,7 @@ enum Task {
 /// What decides how the tests treat things that are not there.
 #[derive(Args)]
 struct TestOptions {
-    /// Fail where these are missing instead of skipping: `all`, or some of data,reference,vulkan,peers
+    /// Fail where these are missing instead of skipping: `all`, or some of data,reference,vulkan,peers,browser
     #[arg(long, value_name = "WHAT", num_args = 0..=1, default_missing_value = "all")]
     require: Option<String>,
     /// Install nothing: run with what there is
@@ -54,6 +60,7 @@ struct TestOptions {
 fn main() -> ExitCode {
     let outcome = match Cli::parse().task {
         Task::Setup { peers } => setup(peers),
+        Task::Results { file } => results::splice(&file),
         Task::Shaders => shaders::regenerate(),
         Task::Test(options) => test_runs::run(&options),
         Task::Ci(options) => ci::run(&options),
@@ -69,6 +76,7 @@ fn main() -> ExitCode {
 
 fn setup(with_peers: bool) -> anyhow::Result<()> {
     system::install(system::FOR_TESTS)?;
+    system::install_optional(system::FOR_BROWSER);
     let python = python::install()?;
     eprintln!("xtask: reference programs run with {}", python.display());
     if with_peers {

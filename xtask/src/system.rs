@@ -76,6 +76,20 @@ pub const FOR_TESTS: &[Requirement] = &[
     },
 ];
 
+/// What the test of the HTML report opens it with.
+pub const FOR_BROWSER: &[Requirement] = &[
+    Requirement {
+        package: "chromium",
+        purpose: "opens the HTML report in a test",
+        probe: Probe::Program { name: "chromium", arguments: &["--version"] },
+    },
+    Requirement {
+        package: "chromium-driver",
+        purpose: "drives the browser of that test",
+        probe: Probe::Program { name: "chromedriver", arguments: &["--version"] },
+    },
+];
+
 /// What the C++ peers are built with.
 pub const FOR_PEERS: &[Requirement] = &[
     Requirement {
@@ -132,6 +146,13 @@ pub fn install(requirements: &[Requirement]) -> anyhow::Result<()> {
         (Ok(()), false) => {
             bail!("{}", explanation(&still_missing, "apt reports success, but these are not found"))
         }
+    }
+}
+
+/// Installs what is missing, or says what will be skipped without it.
+pub fn install_optional(requirements: &[Requirement]) {
+    if let Err(cause) = install(requirements) {
+        eprintln!("xtask: going on without: {cause:#}");
     }
 }
 

@@ -44,6 +44,7 @@ fn environment(options: &TestOptions) -> anyhow::Result<Vec<(&'static str, PathB
     let mut variables = Vec::new();
     if !options.no_setup {
         system::install(system::FOR_TESTS)?;
+        system::install_optional(system::FOR_BROWSER);
         variables.push(("LAPBENCH_REFERENCE", python::install()?));
     }
     variables.push(("LAPBENCH_CACHE", cache::folder()?));

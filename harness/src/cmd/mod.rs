@@ -6,11 +6,14 @@
 pub mod compare;
 pub mod completions;
 pub mod doctor;
+pub mod kharmonic;
 pub mod list;
 pub mod matrix;
+pub mod merge;
 pub mod output;
 pub mod peer;
 pub mod render;
+pub mod report;
 pub mod run;
 pub mod schema;
 pub mod solve;
@@ -43,6 +46,9 @@ enum Command {
     Validate(validate::Args),
     Matrix(matrix::Args),
     Render(render::Args),
+    Kharmonic(kharmonic::Args),
+    Report(report::Args),
+    Merge(merge::Args),
     Compare(compare::Args),
     List(list::Args),
     Doctor(doctor::Args),
@@ -106,6 +112,9 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Validate(args) => validate::run(&args, context),
         Command::Matrix(args) => matrix::run(&args, context),
         Command::Render(args) => render::run(&args),
+        Command::Kharmonic(args) => kharmonic::run(&args, context),
+        Command::Report(args) => report::run(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),

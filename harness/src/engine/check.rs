@@ -109,7 +109,8 @@ mod tests {
             [(0, 0, 1.0), (0, 1, -1.0), (1, 1, 2.0), (1, 2, -1.0), (2, 2, 2.0), (2, 3, -1.0), (3, 3, 1.0)];
         let laplacian = SymmetricCsr::from_triplets(4, &path).unwrap();
         let problem = Box::new(Dirichlet::new(laplacian, None, &[0, 3]).unwrap());
-        let equations = Equations::Harmonic { problem, positions: None, g: vec![0.0, 3.0], k: 1 };
+        let equations =
+            Equations::Harmonic { problem, positions: None, triangles: None, g: vec![0.0, 3.0], k: 1 };
         let check = Check::new(equations, None, |l| Some(l.harmonic), BACKENDS);
         let limits = Limits::of(Precision::F64, Class::Direct, 1e-10);
         let stale = [0.0, 1.0, 2.0, 3.0];

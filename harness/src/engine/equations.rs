@@ -7,6 +7,7 @@ use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
+use lapsolve::workload::matrix;
 use std::io;
 use std::path::Path;
 
@@ -30,6 +31,8 @@ pub enum Equations {
         problem: Box<Dirichlet>,
         /// Positions of all vertices, handed on to children.
         positions: Option<Vec<[f64; 3]>>,
+        /// The mesh' triangles, handed on to peers that assemble by themselves.
+        triangles: Option<Vec<[u32; 3]>>,
         /// g, |C| x k.
         g: Vec<f64>,
         /// Columns.
@@ -110,6 +113,30 @@ impl Equations {
         Some(changed)
     }
 
+    /// The same matrix with `k` columns of oscillating numbers: x_ij = sin(i + 3 j + 1), or g_ij.
+    pub fn with_columns(&self, k: usize) -> Self {
+        let mut changed = self.clone();
+        match &mut changed {
+            Equations::System { system, b, k: columns, .. } => {
+                *b = matrix::default_right_hand_side(system.matrix(), k);
+                *columns = k;
+            }
+            Equations::Harmonic { problem, g, k: columns, .. } => {
+                *g = matrix::default_solution(problem.fixed().len(), k);
+                *columns = k;
+            }
+        }
+        changed
+    }
+
+    /// The block that a solve is given: b, or g.
+    pub fn input(&self) -> (&[f64], usize) {
+        match self {
+            Equations::System { b, k, .. } => (b, *k),
+            Equations::Harmonic { g, k, .. } => (g, *k),
+        }
+    }
+
     /// The same as a question to [`crate::verify`].
     pub fn question(&self) -> Question<'_> {
         match self {
@@ -134,12 +161,16 @@ impl Equations {
                 let rhs = ArrayFile::write(&folder.join("rhs.f64"), b, *k)?;
                 Ok((Problem::System { matrix, positions }, rhs))
             }
-            Equations::Harmonic { problem, positions, g, k } => {
+            Equations::Harmonic { problem, positions, triangles, g, k } => {
                 let laplacian = write_matrix(folder, problem.laplacian())?;
                 let positions = positions.as_ref().map(|p| write_points(folder, p)).transpose()?;
+                let triangles = triangles
+                    .as_ref()
+                    .map(|t| ArrayFile::write(&folder.join("triangles.u32"), t.as_flattened(), 3));
+                let triangles = triangles.transpose()?;
                 let fixed = ArrayFile::write(&folder.join("fixed.u32"), problem.fixed(), 1)?;
                 let values = ArrayFile::write(&folder.join("constraints.f64"), g, *k)?;
-                Ok((Problem::Harmonic { laplacian, positions, fixed }, values))
+                Ok((Problem::Harmonic { laplacian, positions, triangles, fixed }, values))
             }
         }
     }

@@ -6,6 +6,7 @@ pub mod bandwidth;
 pub mod cell;
 pub mod check;
 pub mod child;
+pub mod contention;
 pub mod equations;
 pub mod inputs;
 pub mod motion;

@@ -28,7 +28,8 @@ pub struct Plan {
     pub inputs: Inputs,
     /// Times and limits.
     pub settings: Settings,
-    /// This run's share: cell `index % count` of a numbering that all shards agree on.
+    /// This run's share, by a numbering that all shards agree on: every `count`-th task (mesh and workload), so that solvers
+    /// that are compared take turns on one machine; every `count`-th cell where there are fewer tasks than shards.
     pub shard: Option<Shard>,
 }
 
@@ -67,19 +68,20 @@ impl Plan {
         observer: &mut dyn Observer,
     ) -> anyhow::Result<()> {
         let workspace = Workspace::new()?;
-        let mut number = 0;
+        let (mut task, mut number) = (0, 0);
         for name in &self.sources {
             let mut todo = Vec::new();
             for workload in self.workloads_of(name) {
                 let mut cells = Vec::new();
                 for (solver, threads) in self.columns() {
-                    let mine = self.shard.is_none_or(|shard| number % shard.count == shard.index);
+                    let mine = self.is_mine(task, number);
                     number += 1;
                     let cell = empty_row(self.record(name), workload, solver, threads);
                     if mine && !skip(&cell) {
                         cells.push((solver, threads));
                     }
                 }
+                task += 1;
                 if !cells.is_empty() {
                     todo.push((workload, cells));
                 }
@@ -129,6 +131,14 @@ impl Plan {
         Ok(())
     }
 
+    /// Whether a cell belongs to this run's shard, by the number of its task and its own.
+    fn is_mine(&self, task: usize, cell: usize) -> bool {
+        let Some(shard) = self.shard else { return true };
+        let tasks: usize = self.sources.iter().map(|name| self.workloads_of(name).len()).sum();
+        let number = if tasks >= shard.count { task } else { cell };
+        number % shard.count == shard.index
+    }
+
     fn workloads_of(&self, name: &Name) -> Vec<Workload> {
         match name {
             Name::Mesh(_) => self.workloads.iter().copied().filter(|w| w.needs_mesh()).collect(),
@@ -151,6 +161,7 @@ fn empty_row(mesh: Mesh, workload: Workload, solver: &Solver, threads: usize) ->
         mesh,
         workload: workload.name().to_owned(),
         backend: solver.name().to_owned(),
+        division: solver.division(),
         threads,
         status: Status::Ok,
         ..Cell::default()

@@ -129,6 +129,9 @@ pub enum Problem {
         laplacian: MatrixFiles,
         /// Vertex positions, n x 3.
         positions: Option<ArrayFile>,
+        /// Triangles, m x 3, u32, for libraries that assemble by themselves.
+        #[serde(default)]
+        triangles: Option<ArrayFile>,
         /// C, ascending, u32.
         fixed: ArrayFile,
     },

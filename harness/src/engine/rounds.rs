@@ -22,6 +22,7 @@ pub fn measure(cells: Vec<Running<'_>>, settings: &Settings, observer: &mut dyn 
     let mut waiting: VecDeque<Running<'_>> = cells.into();
     while !waiting.is_empty() {
         let mut live = prepare(&mut waiting, observer);
+        set_up_again(&mut live, &mut random, observer);
         for round in 1..=settings.rounds {
             random.shuffle(&mut live);
             for cell in live.iter_mut().filter(|cell| cell.is_live()) {
@@ -30,10 +31,39 @@ pub fn measure(cells: Vec<Running<'_>>, settings: &Settings, observer: &mut dyn 
                 observer.row(cell.row(), &format!("round {round} of {}", settings.rounds));
             }
         }
-        for mut cell in live {
+        for cell in live.iter_mut().filter(|cell| cell.is_live()) {
             observer.row(cell.row(), "updates and open-loop frames");
+            cell.wind_up();
+        }
+        columns(&mut live, settings, &mut random, observer);
+        for mut cell in live {
             cell.finish();
             observer.row(cell.row(), "done");
+        }
+    }
+}
+
+/// Further fresh processes, one at a time, for set-up and memory.
+fn set_up_again(live: &mut [Running<'_>], random: &mut Random, observer: &mut dyn Observer) {
+    while live.iter().any(Running::wants_another_set_up) {
+        random.shuffle(live);
+        for cell in live.iter_mut().filter(|cell| cell.wants_another_set_up()) {
+            observer.row(cell.row(), "set-up in another process");
+            cell.set_up_again();
+        }
+    }
+}
+
+/// Solves with other numbers of columns: for each number all cells in turn.
+fn columns(live: &mut [Running<'_>], settings: &Settings, random: &mut Random, observer: &mut dyn Observer) {
+    for cell in live.iter_mut().filter(|cell| cell.is_live()) {
+        observer.row(cell.row(), "other numbers of columns");
+        cell.prepare_columns();
+    }
+    for &k in &settings.columns {
+        random.shuffle(live);
+        for cell in live.iter_mut() {
+            cell.columns(k);
         }
     }
 }

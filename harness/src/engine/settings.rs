@@ -3,6 +3,9 @@
 use lapsolve::limits::DEFAULT_TOLERANCE;
 use std::time::Duration;
 
+/// Frames without a late one that bound the share of late ones by 1% (1 - 0.05^(1/299) < 0.01).
+const FRAMES_TO_MEET: u32 = 300;
+
 /// Everything about a run that is not its cells.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -10,6 +13,10 @@ pub struct Settings {
     pub cell_time: Duration,
     /// Longest wait for one answer of a child.
     pub cell_timeout: Duration,
+    /// Fresh processes of a cell, for set-up times and memory; fewer where they take more than twice `cell_time`.
+    pub set_ups: u32,
+    /// Numbers of columns that steady solves are also timed with.
+    pub columns: Vec<usize>,
     /// Rounds: every prepared cell gets a slice of each.
     pub rounds: u32,
     /// Starts per second of the open-loop runs.
@@ -33,10 +40,12 @@ impl Default for Settings {
         Self {
             cell_time: Duration::from_secs(3),
             cell_timeout: Duration::from_secs(120),
+            set_ups: 3,
+            columns: vec![1, 3, 4, 7, 32],
             rounds: 5,
             rates: vec![60.0, 90.0, 120.0],
             open_loop_time: Duration::from_secs(1),
-            least_frames: 0,
+            least_frames: FRAMES_TO_MEET,
             tolerance: DEFAULT_TOLERANCE,
             device: None,
             memory_limit: None,
@@ -50,10 +59,18 @@ impl Settings {
     pub fn quick() -> Self {
         Self {
             cell_time: Duration::from_millis(400),
+            set_ups: 1,
+            columns: Vec::new(),
             rounds: 2,
             open_loop_time: Duration::ZERO,
+            least_frames: 0,
             ..Self::default()
         }
+    }
+
+    /// Time of a cell for the solves with one number of columns.
+    pub fn columns_slice(&self) -> Duration {
+        self.cell_time / 20
     }
 
     /// Time of a cell in one round.

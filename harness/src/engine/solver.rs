@@ -3,7 +3,7 @@
 use super::session::Failure;
 use crate::peers;
 use crate::process;
-use crate::record::names::Status;
+use crate::record::names::{Division, Status};
 use anyhow::Context;
 use lapsolve::registry::Entry;
 use std::process::Command;
@@ -24,12 +24,18 @@ pub struct Peer {
     pub name: String,
     /// The shell line that starts it, or what is not installed.
     pub command: Result<String, String>,
+    /// Whether its settings are defaults or tuned, as the catalogue says.
+    pub division: Option<Division>,
 }
 
 impl Peer {
     /// The peer of the catalogue ([`peers`]) with that name.
     pub fn known(name: &str) -> Option<Self> {
-        peers::find(name).map(|peer| Self { name: peer.id.clone(), command: peer.command() })
+        peers::find(name).map(|peer| Self {
+            name: peer.id.clone(),
+            command: peer.command(),
+            division: Some(peer.division),
+        })
     }
 }
 
@@ -42,7 +48,7 @@ impl std::str::FromStr for Peer {
         }
         match text.split_once('=').map(|(name, command)| (name.trim(), command.trim())) {
             Some((name, command)) if !name.is_empty() && !command.is_empty() => {
-                Ok(Self { name: name.to_owned(), command: Ok(command.to_owned()) })
+                Ok(Self { name: name.to_owned(), command: Ok(command.to_owned()), division: None })
             }
             _ => {
                 Err("expected a peer of `lapbench list` or NAME=COMMAND, for example mine='./solver --fast'"
@@ -69,6 +75,14 @@ impl Solver {
         match self {
             Solver::BuiltIn(entry) => entry.id,
             Solver::Foreign(peer) => &peer.name,
+        }
+    }
+
+    /// Whether its settings are defaults or tuned. Our own backends are all tuned: we know the work they do here.
+    pub fn division(&self) -> Option<Division> {
+        match self {
+            Solver::BuiltIn(_) => Some(Division::Open),
+            Solver::Foreign(peer) => peer.division,
         }
     }
 
@@ -123,7 +137,10 @@ mod tests {
     #[test]
     fn peers_have_a_name_and_a_command() {
         let peer: Peer = "eigen=python3 x.py --a=b".parse().unwrap();
-        assert_eq!(peer, Peer { name: "eigen".into(), command: Ok("python3 x.py --a=b".into()) });
+        assert_eq!(
+            peer,
+            Peer { name: "eigen".into(), command: Ok("python3 x.py --a=b".into()), division: None }
+        );
         assert_eq!("eigen-llt".parse::<Peer>().unwrap().name, "eigen-llt");
         assert!(
             "eigen".parse::<Peer>().is_err()

@@ -92,7 +92,7 @@ mod tests {
             std::fs::write(&path, content).unwrap();
             format!("{:#}", read(&path).unwrap_err())
         };
-        assert!(refused(&text(&example()).replacen("1.0", "2.0", 1)).contains("2.0 is not 1.x"));
+        assert!(refused(&text(&example()).replacen(SCHEMA_VERSION, "2.0", 1)).contains("2.0 is not 1.x"));
         assert!(refused("{}").contains("not a result file"));
         let newer = text(&example()).replacen("\"quotable\"", "\"news\":1,\"quotable\"", 1);
         std::fs::write(&path, newer).unwrap();

@@ -2,4 +2,5 @@
 
 pub mod file;
 pub mod names;
+pub mod rate;
 pub mod result;

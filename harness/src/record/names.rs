@@ -100,6 +100,16 @@ vocabulary! {
     }
 }
 
+vocabulary! {
+    /// Who chose a solver's settings; the two kinds of row are told apart wherever solvers are ranked.
+    Division {
+        /// Somebody chose them for this kind of work: an ordering, an interface, parameters. All backends of this program.
+        Open = "open",
+        /// The library's documented defaults; only the problem itself (positive definite, tolerance, threads) is said.
+        Closed = "closed",
+    }
+}
+
 impl From<registry::Precision> for Precision {
     fn from(precision: registry::Precision) -> Self {
         match precision {

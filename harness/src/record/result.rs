@@ -3,7 +3,7 @@
 //! Times are integers in nanoseconds, sizes in bytes. Later 1.x versions only add members; readers skip what they do
 //! not know and take what is missing as null.
 
-use super::names::{DeviceType, Precision, Status};
+use super::names::{DeviceType, Division, Precision, Status};
 use crate::environment::Environment;
 use crate::statistics::percentiles::Percentiles;
 use schemars::JsonSchema;
@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Version of what is written here.
-pub const SCHEMA_VERSION: &str = "1.0";
+pub const SCHEMA_VERSION: &str = "1.1";
 
 /// A result file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ResultFile {
-    /// Major and minor version, "1.0".
+    /// Major and minor version, "1.1".
     pub schema_version: String,
     /// The command line that made it.
     pub command: String,
@@ -44,20 +44,28 @@ pub struct Cell {
     pub reason: Option<String>,
     /// False while the cell is being measured: what a killed run leaves.
     pub complete: bool,
+    /// Whether its settings are tuned or the defaults; null for programs given on the command line.
+    pub division: Option<Division>,
     /// What it computes in.
     pub precision: Option<Precision>,
     /// Relative residual asked of an iterative backend; null for direct ones.
     pub tolerance: Option<f64>,
     /// Threads a solve may use.
     pub threads: usize,
+    /// Threads that the solver says it uses.
+    pub threads_used: Option<usize>,
     /// Columns of the right-hand side (`transfer`: 3 positions; its field has 4).
     pub columns: Option<usize>,
     /// "cpu" or the device's own name.
     pub device: Option<String>,
     /// Kind of device.
     pub device_type: Option<DeviceType>,
-    /// Set-up, phase by phase.
+    /// Set-up, phase by phase: of the fresh process whose set-up took the median time.
     pub phases_ns: Phases,
+    /// Set-up (order, symbolic, numeric and upload together) over all fresh processes.
+    pub set_up_ns: Summary,
+    /// Every fresh process up to its first solve, in the order they ran.
+    pub set_ups: Vec<SetUp>,
     /// Steady solves from x = 0.
     pub solve_ns: Summary,
     /// Whole `transfer` frames, x kept from frame to frame.
@@ -68,6 +76,8 @@ pub struct Cell {
     pub frames_per_second: Option<f64>,
     /// From the matrix in memory to the first solution: all set-up phases but load and assemble, and the first solve.
     pub first_frame_ns: Option<u64>,
+    /// Steady solves with other numbers of columns, from x = 0.
+    pub column_sweep: Vec<ColumnsRun>,
     /// Frame rate of the slowest hundredth.
     pub low1_fps: Option<f64>,
     /// Frames of over 2.5 times the average of the 20 before.
@@ -86,6 +96,8 @@ pub struct Cell {
     pub allocations_per_frame: Option<f64>,
     /// Memory traffic.
     pub bandwidth: Bandwidth,
+    /// What else the machine did during the rounds.
+    pub contention: Contention,
     /// Iterations of a solve, the largest over the columns; null for direct backends.
     pub iterations: Option<u32>,
     /// What the backend says about itself: versions, instruction sets, tuning.
@@ -124,13 +136,53 @@ pub struct Phases {
     pub first_solve: Option<u64>,
 }
 
-/// Order statistics of timed repetitions. p95 needs 200 samples, p99 1,000, p99.9 10,000.
+/// A fresh process of a cell: set-up, first solve, memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct SetUp {
+    /// The phases; load and assemble are null, they happen once for all.
+    pub phases_ns: Phases,
+    /// Peak resident memory after the first solve, bytes.
+    pub peak_rss_bytes: Option<u64>,
+}
+
+/// Steady solves of right-hand sides with this many columns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct ColumnsRun {
+    /// Columns.
+    pub columns: usize,
+    /// Solves.
+    pub solve_ns: Summary,
+}
+
+/// What else used the processors while the cell was measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Contention {
+    /// Rounds that were watched.
+    pub rounds: u32,
+    /// Rounds in which others used more than a tenth of a processor or the hypervisor took more than 1%.
+    pub contended: u32,
+    /// Most processors' worth of time that other processes used in a round.
+    pub others_max: Option<f64>,
+    /// Largest share of processor time that the hypervisor took in a round.
+    pub steal_max: Option<f64>,
+    /// Highest one-minute load average at the end of a round; the run itself is in it.
+    pub load1_max: Option<f64>,
+}
+
+/// Order statistics of timed repetitions. p95 needs 200 samples, p99 1,000, p99.9 10,000.
+/// `p50_low` and `p50_high` are the ends of a distribution-free 95% interval of the median; they need 6 samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 #[expect(missing_docs, reason = "the names say it")]
 pub struct Summary {
     pub samples: Option<usize>,
     pub min: Option<u64>,
     pub p50: Option<u64>,
+    pub p50_low: Option<u64>,
+    pub p50_high: Option<u64>,
     pub p95: Option<u64>,
     pub p99: Option<u64>,
     pub p999: Option<u64>,
@@ -139,6 +191,7 @@ pub struct Summary {
 
 /// Frames started on a schedule; latencies count from the scheduled start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
 pub struct OpenLoop {
     /// Starts per second.
     pub hz: f64,
@@ -150,6 +203,12 @@ pub struct OpenLoop {
     pub miss_upper95: f64,
     /// Lower 95% bound of the miss rate.
     pub miss_lower95: f64,
+    /// The same three for frames that took longer than half of 1 / hz: what an application sees that leaves the solver half.
+    pub half_misses: Option<u64>,
+    /// Upper 95% bound of their share.
+    pub half_upper95: Option<f64>,
+    /// Lower 95% bound of their share.
+    pub half_lower95: Option<f64>,
     /// Latencies.
     pub latency_ns: Summary,
 }
@@ -213,9 +272,25 @@ pub struct Bandwidth {
 impl Summary {
     /// Order statistics of `samples`; all null where there are none.
     pub fn of(samples: &[u64]) -> Self {
-        let Percentiles { min, p50, p95, p99, p999, max } = Percentiles::of(samples);
+        let Percentiles { min, p50, p50_interval, p95, p99, p999, max } = Percentiles::of(samples);
         let count = (!samples.is_empty()).then_some(samples.len());
-        Self { samples: count, min, p50, p95, p99, p999, max }
+        let (p50_low, p50_high) = p50_interval.unzip();
+        Self { samples: count, min, p50, p50_low, p50_high, p95, p99, p999, max }
+    }
+}
+
+impl SetUp {
+    /// Everything between the matrix in memory and a handle that solves; null where no phase is known.
+    pub fn total_ns(&self) -> Option<u64> {
+        self.phases_ns.set_up()
+    }
+}
+
+impl Phases {
+    /// Everything between the assembled matrix and the first solve; null where no phase is known.
+    pub fn set_up(&self) -> Option<u64> {
+        let phases = [self.order, self.symbolic, self.numeric, self.upload];
+        phases.iter().any(Option::is_some).then(|| phases.into_iter().flatten().sum())
     }
 }
 
@@ -239,9 +314,11 @@ impl Cell {
             details: std::mem::take(&mut self.details),
             status: self.status,
             complete: self.complete,
+            division: self.division,
             precision: self.precision,
             tolerance: self.tolerance,
             threads: self.threads,
+            threads_used: self.threads_used,
             columns: self.columns,
             device_type: self.device_type,
             peak_rss_bytes: self.peak_rss_bytes,

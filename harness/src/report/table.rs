@@ -1,5 +1,6 @@
 //! The cells of a result as a table for the terminal, and as full rows for CSV.
 
+use super::numbers::{self, significant};
 use super::rows::Rows;
 use crate::record::names::Status;
 use crate::record::result::{Cell, Summary};
@@ -127,9 +128,7 @@ pub fn median(cell: &Cell) -> Option<u64> {
 
 /// Everything between the assembled matrix and the first solve.
 pub fn set_up(cell: &Cell) -> Option<u64> {
-    let p = &cell.phases_ns;
-    let phases = [p.order, p.symbolic, p.numeric, p.upload];
-    phases.iter().any(Option::is_some).then(|| phases.into_iter().flatten().sum())
+    cell.phases_ns.set_up()
 }
 
 fn text<T: ToString>(value: Option<T>) -> String {
@@ -137,35 +136,16 @@ fn text<T: ToString>(value: Option<T>) -> String {
 }
 
 fn milliseconds(ns: Option<u64>) -> String {
-    ns.map_or_else(String::new, |ns| significant(ns as f64 * 1e-6))
+    ns.map_or_else(String::new, numbers::milliseconds)
 }
 
 fn scientific(x: Option<f64>) -> String {
-    match x {
-        Some(0.0) => "0".to_owned(),
-        Some(x) => format!("{x:.1e}"),
-        None => String::new(),
-    }
-}
-
-/// Three significant digits, without exponent.
-fn significant(x: f64) -> String {
-    let digits = if x > 0.0 { x.log10().floor() as i32 + 1 } else { 1 };
-    let decimals = (3 - digits).clamp(0, 6) as usize;
-    format!("{x:.decimals$}")
+    x.map_or_else(String::new, numbers::scientific)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn three_digits() {
-        assert_eq!(
-            [0.0, 0.01234, 1.234, 56.78, 1234.5].map(significant),
-            ["0.00", "0.0123", "1.23", "56.8", "1234"]
-        );
-    }
 
     #[test]
     fn unknown_figures_are_blank() {

@@ -2,4 +2,6 @@
 
 pub mod binomial;
 pub mod frames;
+pub mod median_interval;
 pub mod percentiles;
+pub mod ranking;

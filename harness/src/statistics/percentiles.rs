@@ -1,5 +1,7 @@
 //! Percentiles, given only where there are enough samples for them.
 
+use super::median_interval::{self, median_interval};
+
 /// Percentiles of a set of samples, each a sample that really occurred (nearest rank); `None` where there are too few.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Percentiles {
@@ -7,6 +9,8 @@ pub struct Percentiles {
     pub min: Option<u64>,
     /// Median.
     pub p50: Option<u64>,
+    /// Its distribution-free 95% interval, from 6 samples on.
+    pub p50_interval: Option<(u64, u64)>,
     /// From [`SAMPLES_FOR_P95`] samples on.
     pub p95: Option<u64>,
     /// From [`SAMPLES_FOR_P99`] samples on.
@@ -35,6 +39,7 @@ impl Percentiles {
         Self {
             min: sorted.first().copied(),
             p50: median(&sorted),
+            p50_interval: median_interval(&sorted, median_interval::CONFIDENCE),
             p95: from(SAMPLES_FOR_P95, 0.95),
             p99: from(SAMPLES_FOR_P99, 0.99),
             p999: from(SAMPLES_FOR_P999, 0.999),

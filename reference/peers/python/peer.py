@@ -41,6 +41,9 @@ class Server:
         self.problem = problem = Problem(request["problem"])
         self.max_columns = request["max_columns"]
         marks = [time.perf_counter_ns()]
+        if hasattr(self.solver, "take_mesh"):
+            self.solver.take_mesh(problem, self.is_whole())
+            return {}
         if problem.matrix.shape[0] > 0:
             self.factorise(lambda: marks.append(time.perf_counter_ns()))
         marks.append(time.perf_counter_ns())
@@ -56,9 +59,11 @@ class Server:
 
     def knows_harmonic(self):
         """Whether the library takes the whole Laplacian: not with absent vertices, whose rows are empty."""
+        return self.is_whole() and hasattr(self.solver, "prepare_known")
+
+    def is_whole(self):
         problem = self.problem
-        whole = problem.kind == "harmonic" and len(problem.free) + len(problem.fixed) == problem.vertices
-        return whole and hasattr(self.solver, "prepare_known")
+        return problem.kind == "harmonic" and len(problem.free) + len(problem.fixed) == problem.vertices
 
     def block(self, file):
         b = read(file, "<f8")
@@ -72,7 +77,7 @@ class Server:
         if problem.kind == "system":
             arranged = solver.arrange(b)
             return lambda: solver.solve(arranged)
-        if self.knows_harmonic():
+        if self.knows_harmonic() or hasattr(solver, "take_mesh"):
             return lambda: solver.solve_known(b)
         field = np.zeros((problem.vertices, b.shape[1]))
 
@@ -98,6 +103,8 @@ class Server:
         return self.timed(samples)
 
     def update(self, request):
+        if hasattr(self.solver, "take_mesh"):
+            raise Refusal("unsupported", "this call assembles by itself and takes no values")
         values, samples = read(request["values"], "<f8"), []
         for _ in range(request["times"]):
             self.problem.set_values(values)  # in scipy, on the way to every one of these libraries: not theirs to answer for

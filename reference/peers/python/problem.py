@@ -55,6 +55,8 @@ class Problem:
         self.vertices = files["n"]
         if self.kind == "harmonic":
             self.fixed = read(description["fixed"], "<u4").ravel().astype(np.int64)
+            mesh = [description.get("positions"), description.get("triangles")]
+            self.mesh = None if None in mesh else (read(mesh[0], "<f8"), read(mesh[1], "<u4").astype(np.int64))
         self.set_values(read(files["values"], "<f8"))
 
     def set_values(self, values):

@@ -72,6 +72,28 @@ class IglMinQuad(Solver):
         return self.igl.min_quad_with_fixed_solve(self.data, zero, values, none)
 
 
+class IglHarmonic(Solver):
+    """libigl's harmonic as its users call it: one call assembles, factorises and solves, so that every solve is all of it."""
+
+    def __init__(self, threads, tolerance):
+        super().__init__(threads, tolerance)
+        self.igl, self.version = load("igl", "libigl")
+        self.threads = 1
+
+    def details(self):
+        return {"version": f"libigl {self.version}", "call": "harmonic(V, F, b, bc, 1): assembles and factorises in every solve"}
+
+    def take_mesh(self, problem, whole):
+        if problem.kind != "harmonic" or problem.mesh is None:
+            raise Refusal("unsupported", "only harmonic fields of a mesh")
+        if not whole:
+            raise Refusal("unsupported", "vertices without a triangle of positive area: libigl's matrix would be singular")
+        self.mesh, self.fixed = problem.mesh, problem.fixed
+
+    def solve_known(self, values):
+        return self.igl.harmonic(*self.mesh, self.fixed, values, 1)
+
+
 class Pardiso(Solver):
     """MKL PARDISO through pypardiso: real symmetric positive definite, upper triangle, MKL's own choice of ordering
     (parallel nested dissection), no iterative refinement."""
@@ -224,6 +246,7 @@ class CholesPySingle(CholesPy):
 
 SOLVERS = {
     "igl-mqwf": IglMinQuad,
+    "igl-harmonic": IglHarmonic,
     "mkl-pardiso": Pardiso,
     "mkl-pardiso-refined": PardisoRefined,
     "pyamg-sa": PyAmgAggregation,

@@ -1,8 +1,8 @@
 //! `run`: meshes x workloads x backends -> table, JSON.
 
-mod choice;
-mod recorder;
-mod verdict;
+pub(super) mod choice;
+pub(super) mod recorder;
+pub(super) mod verdict;
 
 use super::output::{self, Format};
 use super::{Context, Outcome};
@@ -91,7 +91,7 @@ pub struct Args {
     inputs: Inputs,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(super) fn positive(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if value > 0.0 && value < 1e9 { Ok(value) } else { Err("must be above 0 and below 1e9".to_owned()) }
 }

@@ -47,14 +47,18 @@ impl Running<'_> {
 /// One open-loop run; a miss is a latency above 1 / hz.
 pub(super) fn open_loop(hz: f64, latencies: &[u64]) -> OpenLoop {
     let period = 1e9 / hz;
-    let (frames, misses) =
-        (latencies.len() as u64, latencies.iter().filter(|&&t| t as f64 > period).count() as u64);
+    let frames = latencies.len() as u64;
+    let over = |limit: f64| latencies.iter().filter(|&&t| t as f64 > limit).count() as u64;
+    let (misses, half_misses) = (over(period), over(0.5 * period));
     OpenLoop {
         hz,
         frames,
         misses,
         miss_upper95: binomial::upper_bound(misses, frames, 0.95),
         miss_lower95: binomial::lower_bound(misses, frames, 0.95),
+        half_misses: Some(half_misses),
+        half_upper95: Some(binomial::upper_bound(half_misses, frames, 0.95)),
+        half_lower95: Some(binomial::lower_bound(half_misses, frames, 0.95)),
         latency_ns: Summary::of(latencies),
     }
 }
@@ -66,7 +70,7 @@ mod tests {
     #[test]
     fn misses_are_latencies_over_the_period() {
         let run = open_loop(100.0, &[9_000_000, 10_000_000, 10_000_001, 30_000_000]);
-        assert_eq!((run.frames, run.misses), (4, 2));
+        assert_eq!((run.frames, run.misses, run.half_misses), (4, 2, Some(4)));
         assert!(run.miss_lower95 < 0.5 && run.miss_upper95 > 0.5);
     }
 }

@@ -2,30 +2,37 @@
 //!
 //! ```text
 //! begin: open, prepare, first solve or frame, checked   process, solves, frames
+//! set_up_again: the same in another fresh process       set_ups
 //! round: a slice of steady repetitions, the last checked
-//! finish: updates, memory, open-loop frames, goodbye
+//! wind_up: updates, memory, open-loop frames
+//! columns: steady solves with other numbers of columns  columns
+//! finish: goodbye
 //! ```
 
+mod columns;
 mod figures;
 mod frames;
 mod ledger;
 mod process;
+mod set_ups;
 mod solves;
 
 use super::bandwidth;
+use super::contention::Watch;
 use super::session::{Failure, Session};
 use super::settings::Settings;
 use super::solver::Solver;
 use super::source::Source;
 use super::task::{Goal, Task};
 use crate::record::names::Status;
-use crate::record::result::{Cell, Phases};
+use crate::record::result::{Cell, Phases, SetUp};
 use crate::statistics::percentiles;
 use crate::verify::solution::Checked;
 use lapsolve::limits::Limits;
 use lapsolve::registry::{Accuracy, Precision};
 use ledger::Ledger;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// A cell in the making. Whatever happens to its process becomes its status; no method fails.
 pub struct Running<'a> {
@@ -49,6 +56,8 @@ pub struct Running<'a> {
     bytes: Option<u64>,
     read_rates: Vec<f64>,
     ledger: Ledger,
+    /// Wall-clock time that extra set-ups took.
+    set_up_time: Duration,
 }
 
 /// Most solves in one request: with more, a stalled child would be noticed late.
@@ -68,6 +77,7 @@ impl<'a> Running<'a> {
             mesh: source.record.clone(),
             workload: task.workload.name().to_owned(),
             backend: solver.name().to_owned(),
+            division: solver.division(),
             threads,
             columns: Some(task.columns()),
             phases_ns: Phases {
@@ -77,6 +87,16 @@ impl<'a> Running<'a> {
             },
             ..Cell::default()
         };
+        Self::fresh(task, settings, solver, cell, task.solution_path(index))
+    }
+
+    fn fresh(
+        task: &'a Task,
+        settings: &'a Settings,
+        solver: &'a Solver,
+        cell: Cell,
+        solution: PathBuf,
+    ) -> Self {
         Self {
             task,
             settings,
@@ -86,7 +106,7 @@ impl<'a> Running<'a> {
             // Replaced by those of the class that the solver declares, before anything is checked.
             limits: Limits::of(Precision::F64, Accuracy::Direct, settings.tolerance),
             iterative: false,
-            solution: task.solution_path(index),
+            solution,
             verified: Vec::new(),
             samples: Vec::new(),
             next_frame: 0,
@@ -95,6 +115,7 @@ impl<'a> Running<'a> {
             bytes: None,
             read_rates: Vec::new(),
             ledger: Ledger::default(),
+            set_up_time: Duration::ZERO,
         }
     }
 
@@ -114,15 +135,18 @@ impl<'a> Running<'a> {
         // Not a steady one: pages are touched for the first time. It counts by itself only.
         (self.allocations, self.repetitions) = (None, 0);
         self.cell.phases_ns.first_solve = Some(first);
-        let Phases { order, symbolic, numeric, upload, .. } = self.cell.phases_ns;
-        let set_up: u64 = [order, symbolic, numeric, upload].into_iter().flatten().sum();
-        self.cell.first_frame_ns = Some(set_up + first);
-        self.memory()
+        self.memory()?;
+        let phases_ns = Phases { load: None, assemble: None, ..self.cell.phases_ns };
+        self.cell.set_ups.push(SetUp { phases_ns, peak_rss_bytes: self.cell.peak_rss_bytes });
+        self.summarise_set_ups();
+        Ok(())
     }
 
     /// A slice of steady repetitions, the last answer checked.
     pub fn round(&mut self) {
         let task = self.task;
+        let Some(child) = self.session.as_ref().map(Session::id) else { return };
+        let watch = Watch::start(child);
         let slice = self.settings.slice().as_nanos() as u64;
         let expected = self.expected().max(1);
         let times = (slice / expected).clamp(1, MOST_SOLVES) as u32;
@@ -132,6 +156,7 @@ impl<'a> Running<'a> {
             Goal::Solve(solve) => self.steady_solves(solve, warmup, times),
             Goal::Frames(frames) => self.steady_frames(frames, warmup, times),
         };
+        watch.end(&mut self.cell.contention);
         self.settle(outcome);
     }
 
@@ -141,8 +166,8 @@ impl<'a> Running<'a> {
         self.read_rates.extend(bandwidth::read_bandwidth(bytes, self.cell.threads));
     }
 
-    /// What comes after the rounds: updates, peak memory, open-loop frames. Ends the process.
-    pub fn finish(&mut self) {
+    /// What comes after the rounds: updates, peak memory, open-loop frames.
+    pub fn wind_up(&mut self) {
         if self.is_live() {
             let task = self.task;
             let outcome = match &task.goal {
@@ -154,6 +179,10 @@ impl<'a> Running<'a> {
             };
             self.settle(outcome.and_then(|()| self.ledger.judge()));
         }
+    }
+
+    /// Ends the process; the row is complete.
+    pub fn finish(&mut self) {
         self.end();
         self.cell.complete = true;
     }

@@ -35,6 +35,7 @@ impl Running<'_> {
         self.cell.device = Some(one_line(&described.device));
         self.cell.device_type = Some(described.device_type);
         self.cell.details = described.details;
+        self.cell.threads_used = Some(described.threads);
         if let Some(what) = self.task.beyond(described.precision) {
             return Err(Failure::new(Status::Unsupported, what));
         }
@@ -62,7 +63,7 @@ impl Running<'_> {
 
     pub(super) fn memory(&mut self) -> Result<(), Failure> {
         let held: Memory = self.ask(Request::Memory)?;
-        self.cell.peak_rss_bytes = held.peak_rss_bytes;
+        self.cell.peak_rss_bytes = self.cell.peak_rss_bytes.max(held.peak_rss_bytes);
         self.cell.factor = Factor {
             nonzeros: held.factor_nonzeros,
             bytes: held.factor_bytes,

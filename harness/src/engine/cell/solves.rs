@@ -90,7 +90,11 @@ impl Running<'_> {
         }
         for &hz in &settings.rates {
             let wanted = (hz * settings.open_loop_time.as_secs_f64()) as u32;
-            let frames = wanted.max(settings.least_frames).max(1);
+            // One that is late at the median is late; that needs no long run.
+            let hopeless = self.expected() as f64 > 1e9 / hz;
+            let least =
+                if hopeless { settings.least_frames.min(FRAMES_TO_MISS) } else { settings.least_frames };
+            let frames = wanted.max(least).max(1);
             // A solver slower than the rate falls ever further behind; twice the time shows it well enough.
             let limit = Duration::from_secs_f64(2.0 * f64::from(frames) / hz);
             let input = input.clone();
@@ -104,6 +108,9 @@ impl Running<'_> {
         Ok(())
     }
 }
+
+/// Frames of a run at a rate that the median does not keep.
+const FRAMES_TO_MISS: u32 = 30;
 
 fn same_bits(a: &[f64], b: &[f64]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())

@@ -55,7 +55,7 @@ impl Prepared {
                 let n = system.n();
                 Ok(Self { handle: Handle::System(factor), inputs: n, outputs: n, entries, max_columns })
             }
-            Problem::Harmonic { laplacian, positions, fixed } => {
+            Problem::Harmonic { laplacian, positions, fixed, .. } => {
                 let positions = read_points(positions.as_ref())?;
                 let problem =
                     Dirichlet::new(read_matrix(laplacian)?, positions.as_deref(), &fixed.read::<u32>()?)

@@ -275,7 +275,8 @@ fn of_harmonic(mesh: &TriangleMesh, inputs: &Inputs) -> anyhow::Result<Equations
         }
     };
     let problem = Box::new(Dirichlet::new(laplacian, Some(mesh.positions()), &fixed)?);
-    Ok(Equations::Harmonic { problem, positions: Some(mesh.positions().to_vec()), g, k })
+    let positions = Some(mesh.positions().to_vec());
+    Ok(Equations::Harmonic { problem, positions, triangles: Some(mesh.triangles().to_vec()), g, k })
 }
 
 /// L x = U, grounded; U is that of the default motion's extreme frame unless given.
