@@ -77,6 +77,17 @@ pub fn run(args: &Args) -> Outcome {
     Ok(Exit::Ok)
 }
 
+/// Writes the HTML report of one result.
+///
+/// # Errors
+/// Where it cannot be written.
+pub fn write_html(path: &Path, name: String, result: &ResultFile) -> anyhow::Result<()> {
+    let page = html::page(&[(name, result.clone())]);
+    file::write_atomically(path, |out| out.write_all(page.as_bytes())).context("the report")?;
+    eprintln!("{}: {} KiB", path.display(), page.len().div_ceil(1024));
+    Ok(())
+}
+
 fn render(form: Form, results: &[(String, ResultFile)]) -> anyhow::Result<String> {
     Ok(match form {
         Form::Html => html::page(results),

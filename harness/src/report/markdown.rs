@@ -22,7 +22,7 @@ pub fn markdown(name: &str, result: &ResultFile) -> String {
     if !result.quotable {
         text += "Shortened run: not quotable.\n";
     }
-    text += "\nTime of a solve (`transfer`, `arap`: of a whole frame) / set-up, in ms; medians; \u{2013}: no right answer. Settings: *tuned* for this work, or the library's *default*.\n\n";
+    text += "\nTime of a solve (`transfer`, `arap`: of a whole frame) / set-up, in ms; medians; \u{2013}: not done by this solver, or no right answer. Settings: *tuned* for this work, or the library's *default*.\n\n";
     text += &table(&view).render(Format::Markdown);
     let missing = missing(&view);
     if !missing.is_empty() {
@@ -31,9 +31,10 @@ pub fn markdown(name: &str, result: &ResultFile) -> String {
     text
 }
 
-/// Cells without a right answer, grouped by what became of them.
+/// Cells that should have had a right answer; what a solver does not do is no news.
 fn missing(view: &View<'_>) -> Vec<String> {
-    let absent = |cell: &&Cell| cell.status != Status::Ok;
+    let absent =
+        |cell: &&Cell| !matches!(cell.status, Status::Ok | Status::Unsupported | Status::Unavailable);
     let words = |cell: &Cell| {
         format!(
             "{} on {}, {} ({})",

@@ -54,6 +54,9 @@ pub struct Args {
     /// Seconds of steady solves per cell
     #[arg(long, value_name = "S", value_parser = positive)]
     cell_time: Option<f64>,
+    /// Rates at which frames are started on a schedule; 0 leaves them out [default: 60,90,120]
+    #[arg(long, value_name = "HZ", value_delimiter = ',', value_parser = rate, conflicts_with = "require_hz")]
+    rates: Vec<f64>,
     /// Seconds to wait for one answer of a cell
     #[arg(long, value_name = "S", value_parser = positive)]
     cell_timeout: Option<f64>,
@@ -81,6 +84,9 @@ pub struct Args {
     /// Keep the finished cells of this result and measure the others; the result goes there unless --out is given
     #[arg(long, value_name = "FILE.json")]
     resume: Option<PathBuf>,
+    /// Also make an HTML report of the result
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Append a line per cell to a history file
     #[arg(long, value_name = "FILE.jsonl", num_args = 0..=1, default_missing_value = "bench_results/history.jsonl")]
     history: Option<PathBuf>,
@@ -94,6 +100,15 @@ pub struct Args {
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if value > 0.0 && value < 1e9 { Ok(value) } else { Err("must be above 0 and below 1e9".to_owned()) }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if value == 0.0 || (0.1..=10_000.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("must be 0, or between 0.1 and 10,000".to_owned())
+    }
 }
 
 /// Measures and prints.
@@ -118,6 +133,11 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     plan.execute(&context.backends, &|cell| finished.iter().any(|f| f.same_as(cell)), &mut recorder)?;
     let (result, written) = recorder.finish(args.history.as_deref());
     print(args, &result)?; // what was measured is seen even where there was no room for it
+    if let Some(path) = &args.report {
+        let name = args.out.as_ref().and_then(|out| out.file_name());
+        let name = name.map_or_else(|| "result".to_owned(), |name| name.to_string_lossy().into_owned());
+        super::report::write_html(path, name, &result)?;
+    }
     written?;
     Ok(args.verdict(&result.cells))
 }
@@ -140,6 +160,9 @@ impl Args {
             seed: self.seed,
             ..base
         };
+        if !self.rates.is_empty() {
+            settings.rates = self.rates.iter().copied().filter(|&hz| hz > 0.0).collect();
+        }
         if let Some(hz) = self.require_hz {
             settings.rates = vec![hz];
             settings.least_frames = verdict::FRAMES;

@@ -50,9 +50,9 @@ pub(crate) fn text(area: &Area<'_>, words: &str, at: (i32, i32), anchor: (HPos, 
 pub(crate) fn frame<'a>(area: &Area<'a>, margins: Margins, x: &Axis, y: std::ops::Range<f64>) -> Frame<'a> {
     let (width, height) = area.dim_in_pixel();
     let inside = (margins.left as i32, (width - margins.right) as i32);
-    let down = (margins.top as i32, (height - margins.bottom) as i32);
+    let up = ((height - margins.bottom) as i32, margins.top as i32); // pixels count downwards
     let (low, high) = x.range();
-    area.apply_coord_spec(Cartesian2d::new(low..high, y, (inside.0..inside.1, down.0..down.1)))
+    area.apply_coord_spec(Cartesian2d::new(low..high, y, (inside.0..inside.1, up.0..up.1)))
 }
 
 /// Space around a frame, pixels.

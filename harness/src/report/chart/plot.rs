@@ -113,4 +113,16 @@ mod tests {
             "{svg}"
         );
     }
+
+    #[test]
+    fn up_is_more() {
+        let series = |y: f64| Series { style: Style(0), points: vec![(1.0, y)], line: false, marks: true };
+        let height = |y: f64| -> f64 {
+            let axes = (Axis::linear("", [2.0]), Axis::linear("", [2.0]));
+            let svg = Plot { x: axes.0, y: axes.1, series: vec![series(y)], limits: vec![] }.svg();
+            let from = svg.find("cy=\"").expect("a disc") + 4;
+            svg[from..].split('"').next().and_then(|cy| cy.parse().ok()).expect("a number")
+        };
+        assert!(height(2.0) < height(1.0) && height(1.0) < height(0.0));
+    }
 }
