@@ -18,7 +18,8 @@ pub struct Peer {
     /// The shell line that starts it, with `{peers}` and `{python}` for what `setup` installed.
     command: String,
     /// Whether its settings are the library's defaults or chosen for this work.
-    pub division: Division,
+    #[serde(default)]
+    pub division: Option<Division>,
     /// SPDX expression of the library that does the work.
     pub licence: String,
 }

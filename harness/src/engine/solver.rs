@@ -34,7 +34,7 @@ impl Peer {
         peers::find(name).map(|peer| Self {
             name: peer.id.clone(),
             command: peer.command(),
-            division: Some(peer.division),
+            division: peer.division,
         })
     }
 }
