@@ -1,5 +1,5 @@
-//! Who is fastest, said only where it may be: right answers, one precision, one kind of hardware, one thread count, one
-//! level of achieved error.
+//! Who is fastest, said only where it may be: right answers to one workload, one precision, one kind of hardware, one
+//! thread count, one level of achieved error.
 
 use super::view::{Hardware, View, achieved_error, interval_ms, is_valid, median_ms};
 use crate::record::names::{Division, Precision};
@@ -11,8 +11,10 @@ use crate::statistics::ranking::{Standing, Time, rank};
 pub const LEVELS: [f64; 3] = [1e-4, 1e-8, 1e-12];
 
 /// What solvers of one rank have in common.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Class {
+    /// What they solve: a library that does not do a workload is no worse for it.
+    pub workload: String,
     /// What they compute in.
     pub precision: Precision,
     /// What they run on.
@@ -38,9 +40,12 @@ pub struct Ranking {
     pub standings: Vec<Standing>,
 }
 
-/// Every rank that a result holds; classes with a single solver are none.
+/// Every rank that a result holds, those of most solvers first; classes with a single solver are none.
 pub fn rankings(view: &View<'_>) -> Vec<Ranking> {
-    classes(view).into_iter().filter_map(|class| Ranking::of(view, class)).collect()
+    let mut rankings: Vec<Ranking> =
+        classes(view).into_iter().filter_map(|class| Ranking::of(view, class)).collect();
+    rankings.sort_by_key(|ranking| std::cmp::Reverse((ranking.standings.len(), ranking.class.threads)));
+    rankings
 }
 
 /// Classes that occur. Of the levels, the tightest that leaves the same cells is kept, so that no rank comes twice.
@@ -48,7 +53,13 @@ fn classes(view: &View<'_>) -> Vec<Class> {
     let mut found: Vec<Class> = Vec::new();
     for cell in view.result.cells.iter().filter(|cell| is_valid(cell)) {
         let Some(precision) = cell.precision else { continue };
-        let class = |level| Class { precision, hardware: Hardware::of(cell), threads: cell.threads, level };
+        let class = |level| Class {
+            workload: cell.workload.clone(),
+            precision,
+            hardware: Hardware::of(cell),
+            threads: cell.threads,
+            level,
+        };
         let mut before = 0;
         for level in LEVELS.into_iter().rev() {
             let class = class(level);
@@ -66,17 +77,19 @@ impl Class {
     /// Whether a cell belongs to it.
     pub fn holds(&self, cell: &Cell) -> bool {
         is_valid(cell)
+            && cell.workload == self.workload
             && cell.precision == Some(self.precision)
             && Hardware::of(cell) == self.hardware
             && cell.threads == self.threads
             && achieved_error(cell).is_some_and(|error| error <= self.level)
     }
 
-    /// "f64 on CPU, 2 threads, error at most 1e-8".
+    /// "harmonic: f64 on CPU, 2 threads, error at most 1e-8".
     pub fn title(&self) -> String {
         let threads =
             if self.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", self.threads) };
-        format!("{} on {}, {threads}, error at most {:.0e}", self.precision, self.hardware.name(), self.level)
+        let Self { workload, precision, hardware, level, .. } = self;
+        format!("{workload}: {precision} on {}, {threads}, error at most {level:.0e}", hardware.name())
     }
 }
 

@@ -88,7 +88,13 @@ fn main_class(group: &Group<'_>) -> Option<Class> {
     let candidates = group.valid().filter(|cell| Hardware::of(cell) == Hardware::Cpu);
     let threads =
         candidates.filter(|cell| cell.precision == Some(Precision::F64)).map(|cell| cell.threads).max()?;
-    let class = |level| Class { precision: Precision::F64, hardware: Hardware::Cpu, threads, level };
+    let class = |level| Class {
+        workload: group.workload.to_owned(),
+        precision: Precision::F64,
+        hardware: Hardware::Cpu,
+        threads,
+        level,
+    };
     let count = |level: f64| group.cells.iter().filter(|cell| class(level).holds(cell)).count();
     LEVELS
         .into_iter()
@@ -171,15 +177,24 @@ pub fn interactive(cell: &Cell) -> Option<String> {
         .filter(|&&hz| Rate::of_cell(cell, hz, Share::Whole) == Rate::Undecided)
         .map(f64::to_string)
         .collect();
-    let words = |rates: Vec<String>, how: &str| match rates.is_empty() {
-        true => format!("at no tried rate {how}"),
-        false => format!("interactive at {} Hz {how}", listed(&rates)),
+    let (whole, half) = (met(Share::Whole), met(Share::Half));
+    if whole.is_empty() && !undecided.is_empty() {
+        return Some(format!("too few frames to say whether it is interactive at {} Hz", listed(&undecided)));
+    }
+    let mut text = match (whole.as_slice(), half.as_slice()) {
+        ([], _) => {
+            format!("not interactive at {} Hz", listed(&rates.iter().map(f64::to_string).collect::<Vec<_>>()))
+        }
+        (whole, []) => format!(
+            "interactive at {} Hz if the solver has the whole frame, at none of the rates if it has half of it",
+            listed(whole)
+        ),
+        (whole, half) => format!(
+            "interactive at {} Hz if the solver has the whole frame, at {} Hz if it has half of it",
+            listed(whole),
+            listed(half)
+        ),
     };
-    let mut text = format!(
-        "{}, {}",
-        words(met(Share::Whole), "if the solver has the whole frame"),
-        words(met(Share::Half), "if it has half of it")
-    );
     if !undecided.is_empty() {
         text += &format!(" (too few frames to decide {} Hz)", listed(&undecided));
     }
@@ -267,7 +282,7 @@ mod tests {
         assert_eq!(
             interactive(&cell).as_deref(),
             Some(
-                "interactive at 60 Hz if the solver has the whole frame, at no tried rate if it has half of it (too few frames to decide 90 Hz)"
+                "interactive at 60 Hz if the solver has the whole frame, at none of the rates if it has half of it (too few frames to decide 90 Hz)"
             )
         );
     }

@@ -31,7 +31,7 @@ pub struct Bars {
 /// Height of a bar with its gap.
 const PITCH: u32 = 24;
 /// Width of the names.
-pub(super) const NAMES: u32 = 190;
+pub(super) const NAMES: u32 = 220;
 
 const MARGINS: Margins = Margins { left: NAMES, right: 90, top: 8, bottom: 48 };
 
@@ -79,7 +79,7 @@ impl Bar {
 
 /// A name that fits beside its row.
 pub(super) fn shortened(label: &str) -> String {
-    const MOST: usize = 27;
+    const MOST: usize = 33;
     if label.chars().count() <= MOST {
         return label.to_owned();
     }
@@ -103,6 +103,6 @@ mod tests {
         assert_eq!(svg.matches("<rect").count(), 2, "{svg}");
         assert!(svg.contains("a&amp;b"));
         assert!(Bars { label: String::new(), bars: vec![] }.svg().contains("</svg>"));
-        assert_eq!(shortened(&"x".repeat(99)).chars().count(), 27);
+        assert_eq!(shortened(&"x".repeat(99)).chars().count(), 33);
     }
 }

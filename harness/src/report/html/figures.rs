@@ -213,7 +213,7 @@ fn crossover(view: &View<'_>, cells: &[&Cell]) -> String {
     let n = (setup_d - setup_i) / (each_i - each_d);
     if each_d >= each_i && setup_d >= setup_i {
         format!("The iterative {i} is cheaper than the direct {d} at every number of frames.")
-    } else if each_d <= each_i && setup_d <= setup_i {
+    } else if each_d <= each_i && n <= 1.0 {
         format!("The direct {d} is cheaper than the iterative {i} from the first frame on.")
     } else if each_d < each_i {
         format!(

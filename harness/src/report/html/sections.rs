@@ -36,11 +36,19 @@ pub fn verdict(name: &str, view: &View<'_>) -> String {
     html + "</section>\n"
 }
 
+/// Ranks that are shown at once; further ones are folded away.
+const RANKS_SHOWN: usize = 4;
+
 /// Ranks over several problems with performance profiles.
 pub fn ranks(view: &View<'_>) -> String {
-    let tables: String = rankings(view).iter().map(rank_table).collect();
+    let tables: Vec<String> = rankings(view).iter().map(rank_table).collect();
+    let (first, rest) = tables.split_at(tables.len().min(RANKS_SHOWN));
+    let mut tables = first.concat();
+    if !rest.is_empty() {
+        let _ = write!(tables, "<details><summary>{} more</summary>{}</details>", rest.len(), rest.concat());
+    }
     let lead = format!(
-        "Only right answers compete, within one precision, one kind of hardware, one number of threads and one level of \
+        "Only right answers to one workload compete, within one precision, one kind of hardware, one number of threads and one level of \
          achieved error. The figures are geometric means of the time over that of the fastest on each problem: 1 is the \
          fastest everywhere. <em>Common</em> uses the problems that every solver has; <em>all</em> counts a missing answer as {PENALTY} \
          times the slowest. = marks ties: intervals of the medians that overlap, or less than 3% apart. <em>Within 2&times;</em> is \
