@@ -83,12 +83,13 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let mut recorder = Recorder::new(args.out.as_ref(), false)?;
     recorder.save()?;
     plan.execute(&context.backends, &|_| false, &mut recorder)?;
-    let result = recorder.finish(None)?;
+    let (result, written) = recorder.finish(None);
     output::print(&match args.format {
         Format::Json => record::file::text(&result),
         format => table(&result.cells).render(format),
     })?;
     eprint!("{}", crate::report::table::reasons(&result.cells));
+    written?;
     Ok(verdict::of_statuses(&result.cells))
 }
 
