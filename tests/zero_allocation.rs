@@ -54,7 +54,7 @@ fn warm_solves_allocate_nothing() {
             let backend = match (entry.open)(&OpenOptions { threads, ..OpenOptions::default() }) {
                 Ok(backend) => backend,
                 Err(unavailable) => {
-                    println!("SKIP {}: {unavailable}", entry.id);
+                    println!("SKIPPED {}: {unavailable}", entry.id);
                     continue;
                 }
             };

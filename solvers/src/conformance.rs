@@ -286,14 +286,20 @@ fn is_permutation(p: &[u32], n: usize) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use crate::registry::BACKENDS;
+    use crate::registry::{BACKENDS, Family};
 
     #[test]
     fn every_built_in_backend_conforms() {
         for entry in BACKENDS {
             match super::check(entry) {
                 Ok(violations) => assert!(violations.is_empty(), "{}: {violations:#?}", entry.id),
-                Err(unavailable) => println!("SKIP {}: {unavailable}", entry.id),
+                Err(unavailable) => {
+                    let required = std::env::var("LAPBENCH_REQUIRE").unwrap_or_default();
+                    let mut words = required.split(',').map(str::trim);
+                    let vulkan = words.any(|word| ["all", "1", "vulkan"].contains(&word));
+                    assert!(!(vulkan && entry.family == Family::Gpu), "{}: {unavailable}", entry.id);
+                    println!("SKIPPED {}: {unavailable}", entry.id);
+                }
             }
         }
     }

@@ -104,6 +104,9 @@ const DIRECT: Entry = Entry {
 const ITERATIVE: Entry =
     Entry { family: Family::Iterative, accuracy: Accuracy::Iterative, warm_start: true, ..DIRECT };
 
+/// A direct f64 method on a Vulkan device.
+const DEVICE: Entry = Entry { family: Family::Gpu, ..DIRECT };
+
 /// Every built-in backend, also those whose feature is off (their `open` says so).
 pub const BACKENDS: &[Entry] = &[
     Entry {
@@ -148,6 +151,19 @@ pub const BACKENDS: &[Entry] = &[
     Entry { id: "cg-amg", open: backends::multigrid::open_amg, ..ITERATIVE },
     Entry { id: "cg-multigrid", open: backends::multigrid::open_cg, ..ITERATIVE },
     Entry { id: "multigrid", open: backends::multigrid::open, ..ITERATIVE },
+    Entry { id: "vulkan-direct-f64", open: gated!("vulkan", backends::vulkan::direct::open_f64), ..DEVICE },
+    Entry {
+        id: "vulkan-direct-mixed",
+        precision: Precision::Mixed,
+        open: gated!("vulkan", backends::vulkan::direct::open_mixed),
+        ..DEVICE
+    },
+    Entry {
+        id: "vulkan-direct-f32",
+        precision: Precision::F32,
+        open: gated!("vulkan", backends::vulkan::direct::open_f32),
+        ..DEVICE
+    },
     Entry { id: "sprs-cg", open: gated!("sprs", backends::sprs_cg::open), ..ITERATIVE },
 ];
 

@@ -59,15 +59,18 @@ impl std::str::FromStr for Peer {
 }
 
 /// Environment variables by which libraries take their number of threads; set for every child, so that a peer's BLAS,
-/// OpenMP, rayon or lavapipe uses what the cell says.
-const THREAD_VARIABLES: [&str; 6] = [
+/// OpenMP or rayon uses what the cell says.
+const THREAD_VARIABLES: [&str; 5] = [
     "RAYON_NUM_THREADS",
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
-    "LP_NUM_THREADS",
 ];
+
+/// The same for lavapipe, which counts threads besides the one that submits: with none that one computes, and handing work
+/// over costs nothing; more than one are a pool.
+const LAVAPIPE_THREADS: &str = "LP_NUM_THREADS";
 
 impl Solver {
     /// The name in results.
@@ -109,6 +112,7 @@ impl Solver {
         for variable in THREAD_VARIABLES {
             command.env(variable, threads.to_string());
         }
+        command.env(LAVAPIPE_THREADS, if threads > 1 { threads.to_string() } else { "0".into() });
         Ok(command)
     }
 }

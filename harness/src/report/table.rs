@@ -2,7 +2,7 @@
 
 use super::numbers::{self, significant};
 use super::rows::Rows;
-use crate::record::names::Status;
+use crate::record::names::{DeviceType, Status};
 use crate::record::result::{Cell, Summary};
 use std::fmt::Write;
 
@@ -18,7 +18,7 @@ pub fn overview(cells: &[Cell]) -> Rows {
         rows.push([
             &cell.mesh.name,
             &cell.workload,
-            &cell.backend,
+            &label(cell),
             &threads,
             cell.status.name(),
             &milliseconds(set_up(cell)),
@@ -31,6 +31,14 @@ pub fn overview(cells: &[Cell]) -> Rows {
         ]);
     }
     rows
+}
+
+/// The backend's name; a Vulkan driver that computes on the CPU is told apart from a GPU.
+fn label(cell: &Cell) -> String {
+    match cell.device_type {
+        Some(DeviceType::SoftwareVulkan) => format!("{} (software)", cell.backend),
+        _ => cell.backend.clone(),
+    }
 }
 
 /// The main figures of every cell, in raw units.
@@ -65,6 +73,8 @@ pub fn full(cells: &[Cell]) -> Rows {
         "allocations_per_frame",
         "iterations",
         "fraction_of_read",
+        "device",
+        "device_type",
     ]);
     for c in cells {
         let p = &c.phases_ns;
@@ -100,6 +110,8 @@ pub fn full(cells: &[Cell]) -> Rows {
                 text(c.allocations_per_frame),
                 text(c.iterations),
                 text(c.bandwidth.fraction_of_read),
+                c.device.clone().unwrap_or_default(),
+                text(c.device_type),
             ]
             .each_ref()
             .map(String::as_str),

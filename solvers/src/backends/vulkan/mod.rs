@@ -18,6 +18,7 @@
 mod shaders;
 mod buffer;
 mod device;
+pub mod direct;
 mod error;
 mod faults;
 mod instance;

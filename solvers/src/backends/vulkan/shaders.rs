@@ -29,12 +29,25 @@ pub struct Shader {
 }
 
 /// The shader compiled from `shaders/NAME.comp` for the numbers REAL.
-#[cfg_attr(not(test), allow(unused_macros))]
 macro_rules! shader {
     ($name:literal, $real:literal, $bindings:expr, $push_words:expr) => {
         Shader {
-            texel: include_bytes!(concat!("shaders/spv/", $name, ".", $real, ".texel.spv")),
-            storage: include_bytes!(concat!("shaders/spv/", $name, ".", $real, ".storage.spv")),
+            texel: include_bytes!(concat!(
+                env!("CARGO_MANIFEST_DIR"),
+                "/src/backends/vulkan/shaders/spv/",
+                $name,
+                ".",
+                $real,
+                ".texel.spv"
+            )),
+            storage: include_bytes!(concat!(
+                env!("CARGO_MANIFEST_DIR"),
+                "/src/backends/vulkan/shaders/spv/",
+                $name,
+                ".",
+                $real,
+                ".storage.spv"
+            )),
             bindings: $bindings,
             push_words: $push_words,
         }

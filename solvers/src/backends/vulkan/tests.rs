@@ -78,3 +78,83 @@ fn a_kernel_computes_in_both_numbers_with_every_way_of_reading() {
         assert_eq!(device.used(), 0, "everything is released");
     }
 }
+
+#[test]
+fn an_unknown_device_is_unavailable_and_names_the_others() {
+    let Some(first) = device(&Settings::default()) else { return };
+    let name = first.describe(1).device;
+    for (choice, found) in [("0", true), (&name[..4], true), ("no such device", false), ("17", false)] {
+        match Device::open(Some(choice), &Settings::default()) {
+            Ok(_) => assert!(found, "{choice}"),
+            Err(reason) => assert!(!found && reason.how_to_get_it.contains(&name), "{choice}: {reason}"),
+        }
+    }
+}
+
+#[test]
+fn memory_beyond_the_budget_is_an_error_and_leaves_nothing_behind() {
+    let Some(device) = device(&Settings { budget: Some(1 << 20), ..Settings::default() }) else { return };
+    let kept = Buffer::new(&device, Place::Device, 1 << 19).unwrap();
+    match Buffer::new(&device, Place::Device, 1 << 20) {
+        Err(DeviceError::OutOfMemory { bytes }) => assert!(bytes >= 1 << 20),
+        other => panic!("{:?}", other.map(|buffer| buffer.bytes())),
+    }
+    device.faults.fail_allocations_after(0);
+    assert!(Buffer::new(&device, Place::Upload, 16).is_err());
+    device.faults.fail_allocations_after(-1);
+    drop(kept);
+    assert_eq!(device.used(), 0);
+}
+
+#[test]
+fn a_lost_device_and_a_timeout_stay_errors() {
+    let Some(device) = device(&Settings::default()) else { return };
+    let buffer = Buffer::new(&device, Place::Device, 1024).unwrap();
+    let record = || {
+        let mut plan = Plan::new(&device);
+        plan.clear(&buffer);
+        plan.record().unwrap()
+    };
+    let (mut lost, mut late, mut well) = (record(), record(), record());
+    device.faults.lose_device_after(1);
+    assert_eq!(lost.run(), Ok(()));
+    let error = lost.run().unwrap_err();
+    assert!(matches!(&error, DeviceError::Lost(what) if what.contains("vkQueueSubmit")), "{error:?}");
+    device.faults.lose_device_after(-1);
+    assert_eq!(lost.run(), Err(error), "nothing more is submitted");
+    device.faults.time_out_after(0);
+    let error = late.run().unwrap_err();
+    assert!(matches!(&error, DeviceError::Lost(what) if what.contains("vkWaitForFences")), "{error:?}");
+    device.faults.time_out_after(-1);
+    drop((lost, late));
+    assert_eq!(well.run(), Ok(()), "other recordings are not touched");
+}
+
+/// Runs this test binary again on the ignored test `name` with another environment.
+fn again(name: &str, variables: &[(&str, &str)]) -> String {
+    let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+    command.args(["--ignored", "--exact", "--nocapture", &format!("backends::vulkan::tests::{name}")]);
+    let output = command.envs(variables.iter().copied()).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
+    text
+}
+
+#[test]
+fn a_machine_without_drivers_says_what_to_install() {
+    if device(&Settings::default()).is_none() {
+        return;
+    }
+    let nowhere = [("VK_DRIVER_FILES", "/nonexistent.json"), ("VK_ICD_FILENAMES", "/nonexistent.json")];
+    let text = again("says_why_there_is_no_device", &nowhere);
+    assert!(text.contains("no Vulkan driver") && text.contains("mesa-vulkan-drivers"), "{text}");
+}
+
+#[test]
+#[ignore = "run by another test, in an environment without drivers"]
+fn says_why_there_is_no_device() {
+    match Device::open(None, &Settings::default()) {
+        Ok(device) => panic!("found {}", device.describe(1).device),
+        Err(reason) => println!("{reason}"),
+    }
+}

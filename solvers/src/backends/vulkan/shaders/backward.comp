@@ -1,6 +1,6 @@
 #version 460
 // variants: f32.texel f32.storage f64.texel f64.storage
-// One tile of the backward sweep: x = X^T (X y) - M^T x_above for eight pivots of a block. x of the rows above was written
+// One tile of the backward sweep: x = X^T (X y) - M^T x_above for some pivots of a block. x of the rows above was written
 // by earlier dispatches.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -23,14 +23,17 @@ void main() {
     uint tile = (group_index() * gl_WorkGroupSize.x + gl_LocalInvocationID.x) / LANES;
     if (tile >= count) return;
     uvec4 head = tiles_at(2 * (first + tile)), more = tiles_at(2 * (first + tile) + 1);
-    uint element = head.x, own = head.y & 0x1FFFFFFF, height = (head.y >> 29) + 1;
+    uint element = head.x, own = head.y & 0x7FFFFFF, height = (head.y >> 27) + 1;
     uint at = head.z - base + lane;
-    uint start = more.x, columns = more.y, padded = (columns + 3) & ~3u;
-    real4 acc0 = real4(0), acc1 = real4(0);
+    uint start = more.x, columns = more.y;
+    clear();
     MULTIPLY(at, own, OWN)
-    MULTIPLY(at, padded, ABOVE)
-    if (lane >= height) return;
-    uint row = rows_at(head.w + lane);
-    x[PLANES * row] = acc0;
-    if (PLANES == 2) x[2 * row + 1] = acc1;
+    MULTIPLY(at, columns, ABOVE)
+    [[unroll]] for (uint r = 0; r < MOST_ROWS; r++) {
+        if (r < ROWS && LANES * r + lane < height) {
+            uint row = rows_at(head.w + LANES * r + lane);
+            x[PLANES * row] = acc[r];
+            if (PLANES == 2) x[2 * row + 1] = acc[MOST_ROWS + r];
+        }
+    }
 }

@@ -1,6 +1,6 @@
 #version 460
 // variants: f32.texel f32.storage f64.texel f64.storage
-// One tile of the forward sweep: eight rows of [X; -M] times y of the block, added to the children's updates of its rows
+// One tile of the forward sweep: rows of [X; -M] times y of the block, added to the children's updates of its rows
 // below. With LEAVES the blocks have no children and y is the right-hand side itself, gathered row by row.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -24,20 +24,24 @@ void main() {
     uint tile = (group_index() * gl_WorkGroupSize.x + gl_LocalInvocationID.x) / LANES;
     if (tile >= count) return;
     uvec4 head = tiles_at(first + tile);
-    uint slot = head.x, columns = head.y & 0x1FFFFFFF, height = (head.y >> 29) + 1;
+    uint slot = head.x, columns = head.y & 0x7FFFFFF, height = (head.y >> 27) + 1;
     uint at = head.z - base + lane;
-    real4 acc0 = real4(0), acc1 = real4(0);
+    clear();
     MULTIPLY(at, columns, OWN)
-    if (lane >= height) return;
-    uint element = head.w + lane;
-    if (LEAVES == 0) {
-        uint begin = starts_at(element), end = starts_at(element + 1);
-        for (uint s = begin; s < end; s++) {
-            uint source = PLANES * sources_at(s);
-            acc0 += updates_at(source);
-            if (PLANES == 2) acc1 += updates_at(source + 1);
+    [[unroll]] for (uint r = 0; r < MOST_ROWS; r++) {
+        if (r < ROWS && LANES * r + lane < height) {
+            uint element = head.w + LANES * r + lane;
+            real4 sum0 = acc[r], sum1 = acc[MOST_ROWS + r];
+            if (LEAVES == 0) {
+                uint begin = starts_at(element), end = starts_at(element + 1);
+                for (uint s = begin; s < end; s++) {
+                    uint source = PLANES * sources_at(s);
+                    sum0 += updates_at(source);
+                    if (PLANES == 2) sum1 += updates_at(source + 1);
+                }
+            }
+            fronts[PLANES * element] = sum0;
+            if (PLANES == 2) fronts[2 * element + 1] = sum1;
         }
     }
-    fronts[PLANES * element] = acc0;
-    if (PLANES == 2) fronts[2 * element + 1] = acc1;
 }

@@ -1,0 +1,261 @@
+//! `vulkan-direct-*`: a block Cholesky factor made on the CPU and solved on the device.
+//!
+//! ```text
+//! order -> supernodes (wide ones: a device wants few levels) -> blocks, tiles -> numeric (CPU, f64) -> tiles in T
+//! frame: b -> [assemble, forward tiles] per level -> [backward tiles] per level -> x, one submission
+//! ```
+//! Ordering, analysis and numeric factorisation are `framechol`'s; layout and sweeps are described in [`tiles`] and
+//! [`blocks`], figures in the README of this folder.
+mod blocks;
+mod frames;
+mod mixed;
+mod number;
+mod tables;
+#[cfg(test)]
+mod tests;
+mod tiles;
+
+use crate::backend::{Backend, Description, Factor, Footprint, Phase, PrepareOptions, Solved};
+use crate::backends::framechol::engine::{groups, power_of_two};
+use crate::backends::framechol::gather::Group;
+use crate::backends::framechol::supernodes::Supernodes;
+use crate::backends::framechol::symbolic::Symbolic;
+use crate::backends::framechol::{first_bad_row, with_threads};
+use crate::backends::vulkan::device::{Device, Settings};
+use crate::columns::Columns;
+use crate::error::{PrepareError, SolveError, Unavailable};
+use crate::ordering::{self, Graph};
+use crate::registry::OpenOptions;
+use crate::sparse::{SymmetricCsr, inverse_permutation};
+use crate::system::System;
+use frames::Frames;
+use mixed::Mixed;
+use number::{Kernels, Number};
+use std::marker::PhantomData;
+use std::sync::{Arc, Mutex};
+use tables::Tables;
+
+/// Opens `vulkan-direct-f64`: stored and swept in f64.
+pub fn open_f64(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    Ok(Box::new(Direct::<f64, Single<f64>>::open(options, &Settings::default())?))
+}
+
+/// Opens `vulkan-direct-f32`: factored in f64, stored and swept in f32.
+pub fn open_f32(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    Ok(Box::new(Direct::<f32, Single<f32>>::open(options, &Settings::default())?))
+}
+
+/// Opens `vulkan-direct-mixed`: stored and swept in f32 on the device, refined with residuals in f64 on the CPU.
+pub fn open_mixed(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
+    Ok(Box::new(Direct::<f32, Mixed>::open(options, &Settings::default())?))
+}
+
+/// A way to solve with a factor in T on the device.
+trait Method<T: Number>: Send + Sized + 'static {
+    /// From the frames of a factor that is in place, and the matrix with its values.
+    fn new(frames: Frames<T>, matrix: &SymmetricCsr, values: &[f64], max_columns: usize) -> Self;
+
+    /// The frames.
+    fn frames(&mut self) -> &mut Frames<T>;
+
+    /// The frames, to look at.
+    fn frames_ref(&self) -> &Frames<T>;
+
+    /// The factor was made anew from these values.
+    fn renew(&mut self, values: &[f64]);
+
+    /// Solves for a group of columns; (whether the solution is finite, what to report).
+    fn solve(
+        &mut self,
+        rhs: Columns<&[f64]>,
+        x: &mut Columns<&mut [f64]>,
+        group: Group,
+    ) -> Result<(bool, Solved), SolveError>;
+
+    /// Bytes that this holds on the host beside the frames, and bytes of matrix read per solve.
+    fn extra_bytes(&self) -> (u64, u64);
+
+    /// Sweep pairs that a usual solve takes.
+    const PAIRS: u64;
+}
+
+/// The backend.
+struct Direct<T, M> {
+    device: Arc<Device>,
+    kernels: Mutex<Option<Arc<Kernels>>>,
+    threads: usize,
+    method: PhantomData<fn() -> (T, M)>,
+}
+
+impl<T: Number, M: Method<T>> Direct<T, M> {
+    fn open(options: &OpenOptions<'_>, settings: &Settings) -> Result<Self, Unavailable> {
+        let device = Device::open(options.device, settings)?;
+        if size_of::<T>() == 8 {
+            device.require_f64("vulkan-direct-mixed or vulkan-direct-f32")?;
+        }
+        Ok(Self { device, kernels: Mutex::new(None), threads: options.threads, method: PhantomData })
+    }
+
+    /// The kernels, compiled by the first preparation.
+    fn kernels(&self) -> Result<Arc<Kernels>, PrepareError> {
+        let mut kernels = self.kernels.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if kernels.is_none() {
+            *kernels = Some(Arc::new(Kernels::new::<T>(&self.device)?));
+        }
+        Ok(Arc::clone(kernels.as_ref().expect("just made")))
+    }
+
+    /// Orders and analyses; returns the structure and the name of the ordering.
+    fn analyse(
+        &self,
+        matrix: &SymmetricCsr,
+        options: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<(Symbolic, &'static str), PrepareError> {
+        assert!(options.max_columns > 0, "max_columns: at least 1");
+        on(Phase::Order);
+        let graph = Graph::from_triangle_of_matrix(matrix.row_starts(), matrix.columns());
+        let (order, name) = match options.order {
+            Some(order) => {
+                assert_eq!(order.len(), matrix.n(), "order: one entry per row");
+                inverse_permutation(order); // panics where a row is missing
+                (order.to_vec(), "given")
+            }
+            None => {
+                let ordering = with_threads(self.threads, || ordering::nested_dissection(&graph))?;
+                (ordering.order, ordering.name)
+            }
+        };
+        on(Phase::Symbolic);
+        let groups = Supernodes::with_cost(&graph, &order, &blocks::sweep_cost);
+        Ok((Symbolic::new(matrix, &groups, &order, 1), name))
+    }
+}
+
+impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
+    fn describe(&self) -> Description {
+        self.device.describe(self.threads)
+    }
+
+    fn prepare(
+        &self,
+        system: &System,
+        options: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Box<dyn Factor>, PrepareError> {
+        let matrix = system.matrix();
+        let (symbolic, ordering) = self.analyse(matrix, options, on)?;
+        let (planes, n) = (frames::planes(options.max_columns), matrix.n());
+        let mut tables = Tables::new(&self.device, self.kernels()?, symbolic, planes, n, &|row| row)?;
+        on(Phase::Numeric);
+        tables.factorise(matrix.values())?;
+        on(Phase::Upload);
+        let frames = Frames::new(tables, n, options.max_columns)?;
+        let method = M::new(frames, matrix, matrix.values(), options.max_columns);
+        Ok(Box::new(Handle { method, ordering, number: PhantomData::<fn() -> T> }))
+    }
+}
+
+/// A factored system.
+struct Handle<T, M> {
+    method: M,
+    ordering: &'static str,
+    number: PhantomData<fn() -> T>,
+}
+
+impl<T: Number, M: Method<T>> Factor for Handle<T, M> {
+    fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
+        let frames = self.method.frames();
+        let (n, k) = (frames.tables.symbolic().order.len(), rhs.k());
+        assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
+        let mut all = Solved { device_ns: Some(0), ..Solved::default() };
+        for group in groups(k, frames.widest()) {
+            let (finite, solved) = self.method.solve(rhs, &mut x, group)?;
+            if !finite {
+                return Err(SolveError::NonFinite { row: first_bad_row(rhs, x.view()) });
+            }
+            all.iterations = all.iterations.max(solved.iterations);
+            all.device_ns = all.device_ns.zip(solved.device_ns).map(|(a, b)| a + b);
+        }
+        Ok(all)
+    }
+
+    fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
+        on(Phase::Numeric);
+        self.method.frames().tables.factorise(values)?;
+        self.method.renew(values);
+        Ok(())
+    }
+
+    fn permutation(&self) -> Option<&[u32]> {
+        Some(&self.method.frames_ref().tables.symbolic().order)
+    }
+
+    fn footprint(&self) -> Footprint {
+        let frames = self.method.frames_ref();
+        let tables = &frames.tables;
+        let ((numbers, indices), (host, matrix)) = (tables.factor_bytes(), self.method.extra_bytes());
+        Footprint {
+            host_bytes: Some(tables.host_bytes() + host),
+            device_bytes: Some(frames.device_bytes()),
+            factor_nonzeros: Some(tables.symbolic().nonzeros),
+            factor_bytes: Some(numbers + indices),
+            bytes_per_solve: Some(M::PAIRS * (numbers + indices + matrix)),
+            factor_flops: Some(tables.symbolic().flops),
+            ordering: Some(self.ordering),
+        }
+    }
+}
+
+/// One sweep pair in the factor's own numbers.
+struct Single<T: Number> {
+    frames: Frames<T>,
+}
+
+impl<T: Number> Method<T> for Single<T> {
+    const PAIRS: u64 = 1;
+
+    fn new(frames: Frames<T>, _: &SymmetricCsr, _: &[f64], _: usize) -> Self {
+        Self { frames }
+    }
+
+    fn frames(&mut self) -> &mut Frames<T> {
+        &mut self.frames
+    }
+
+    fn frames_ref(&self) -> &Frames<T> {
+        &self.frames
+    }
+
+    fn renew(&mut self, _: &[f64]) {}
+
+    fn solve(
+        &mut self,
+        rhs: Columns<&[f64]>,
+        x: &mut Columns<&mut [f64]>,
+        group: Group,
+    ) -> Result<(bool, Solved), SolveError> {
+        let largest = largest(rhs, group);
+        // Only a right-hand side far from 1 is scaled: the same bits come out either way, but not the same speed.
+        let scale = if T::COMFORTABLE.contains(&largest) { 1.0 } else { 1.0 / power_of_two(largest) };
+        self.frames.load(rhs, group, scale);
+        let device_ns = self.frames.run(group)?;
+        let finite = self.frames.store(x, group, self.frames.tables.scale / scale)?;
+        Ok((finite, Solved { device_ns, ..Solved::default() }))
+    }
+
+    fn extra_bytes(&self) -> (u64, u64) {
+        (0, 0)
+    }
+}
+
+/// The largest absolute value in a group of columns; NaN where there is one.
+fn largest(block: Columns<&[f64]>, group: Group) -> f64 {
+    let mut most = [0.0_f64; 8];
+    for row in block.slice().chunks_exact(block.k()) {
+        for (most, v) in most.iter_mut().zip(&row[group.from..group.from + group.count]) {
+            *most = if v.abs() <= *most { *most } else { v.abs() };
+        }
+    }
+    most.into_iter().fold(0.0, |all, v| if v <= all { all } else { v })
+}

@@ -1,0 +1,147 @@
+//! Solves on the device against the matrix itself, with every way of reading, staged and not, cut and whole.
+use super::*;
+use crate::backends::vulkan::device::Access;
+use crate::backends::vulkan::tests::skip;
+use crate::limits::Limits;
+use crate::registry::{Accuracy, Precision};
+use crate::residual::Residual;
+
+/// The five-point stencil on a w x h grid plus `shift` on the diagonal.
+fn grid(w: u32, h: u32, shift: f64) -> System {
+    let mut triplets = Vec::new();
+    for y in 0..h {
+        for x in 0..w {
+            let i = y * w + x;
+            triplets.push((i, i, shift));
+            for j in [(x + 1 < w).then_some(i + 1), (y + 1 < h).then_some(i + w)].into_iter().flatten() {
+                triplets.extend([(i, j, -1.0), (i, i, 1.0), (j, j, 1.0)]);
+            }
+        }
+    }
+    let matrix = SymmetricCsr::from_triplets((w * h) as usize, &triplets).expect("an upper triangle");
+    System::new(matrix, None).expect("a positive diagonal")
+}
+
+fn wave(length: usize) -> Vec<f64> {
+    (0..length).map(|i| (0.37 * i as f64).sin()).collect()
+}
+
+fn opened<T: Number, M: Method<T>>(settings: &Settings) -> Option<Direct<T, M>> {
+    match Direct::open(&OpenOptions::default(), settings) {
+        Ok(backend) => Some(backend),
+        Err(reason) => {
+            skip(&reason.to_string());
+            None
+        }
+    }
+}
+
+/// Solves with random-looking right-hand sides of 1 to 8 columns and checks the backward error.
+fn solves<T: Number, M: Method<T>>(settings: &Settings, system: &System, precision: Precision) {
+    let Some(backend) = opened::<T, M>(settings) else { return };
+    let mut factor = backend.prepare(system, &PrepareOptions::columns(8), &mut |_| {}).expect("definite");
+    let limits = Limits::of(precision, Accuracy::Direct, 0.0);
+    let n = system.n();
+    for k in [1, 3, 4, 5, 8, 11] {
+        let (b, mut x) = (wave(n * k), vec![f64::NAN; n * k]);
+        factor.solve(Columns::new(&b, n, k), Columns::new(&mut x[..], n, k)).expect("finite");
+        let residual = Residual::measure(system.matrix(), Columns::new(&x, n, k), Columns::new(&b, n, k));
+        assert!(limits.accepts(&residual), "{settings:?}, {k} columns: {residual:?}");
+    }
+}
+
+fn all_settings() -> impl Iterator<Item = Settings> {
+    [(Access::Texel, false), (Access::Storage, false), (Access::Storage, true)].into_iter().map(
+        |(access, force_staging)| Settings { access: Some(access), force_staging, ..Settings::default() },
+    )
+}
+
+#[test]
+fn every_precision_solves_odd_sizes_with_one_to_eleven_columns() {
+    let system = grid(61, 47, 1e-3);
+    for settings in all_settings() {
+        solves::<f64, Single<f64>>(&settings, &system, Precision::F64);
+        solves::<f32, Single<f32>>(&settings, &system, Precision::F32);
+        solves::<f32, Mixed>(&settings, &system, Precision::Mixed);
+    }
+}
+
+#[test]
+fn a_factor_larger_than_kernels_may_see_is_cut() {
+    let system = grid(61, 47, 1e-3);
+    for (access, force_staging) in [(Access::Texel, true), (Access::Storage, false)] {
+        let range = Some(192 << 10);
+        let settings = Settings { access: Some(access), force_staging, range, ..Settings::default() };
+        solves::<f64, Single<f64>>(&settings, &system, Precision::F64);
+    }
+}
+
+#[test]
+fn too_little_device_memory_is_an_error_with_everything_released() {
+    let settings = Settings { budget: Some(1 << 20), ..Settings::default() };
+    let Some(backend) = opened::<f64, Single<f64>>(&settings) else { return };
+    let error = backend.prepare(&grid(61, 47, 1e-3), &PrepareOptions::columns(4), &mut |_| {}).err();
+    assert!(matches!(error, Some(PrepareError::OutOfMemory { bytes }) if bytes > 0), "{error:?}");
+    for allowed in 0..14 {
+        backend.device.faults.fail_allocations_after(allowed);
+        let tiny = backend.prepare(&grid(5, 4, 1.0), &PrepareOptions::columns(4), &mut |_| {});
+        backend.device.faults.fail_allocations_after(-1);
+        drop(tiny);
+        assert_eq!(backend.device.used(), 0, "{allowed} allocations succeeded");
+    }
+}
+
+#[test]
+fn a_lost_device_reaches_the_caller() {
+    let Some(backend) = opened::<f64, Single<f64>>(&Settings::default()) else { return };
+    let system = grid(9, 7, 0.1);
+    let mut factor = backend.prepare(&system, &PrepareOptions::columns(1), &mut |_| {}).expect("definite");
+    backend.device.faults.lose_device_after(0);
+    for _ in 0..2 {
+        let (b, mut x) = (wave(63), vec![0.0; 63]);
+        let outcome = factor.solve(Columns::new(&b, 63, 1), Columns::new(&mut x[..], 63, 1));
+        assert!(matches!(outcome, Err(SolveError::DeviceLost { .. })), "{outcome:?}");
+        backend.device.faults.lose_device_after(-1);
+    }
+}
+
+#[test]
+fn a_bad_right_hand_side_is_named_and_forgotten() {
+    let Some(backend) = opened::<f64, Single<f64>>(&Settings::default()) else { return };
+    let system = grid(31, 17, 1e-3);
+    let n = system.n();
+    let mut factor = backend.prepare(&system, &PrepareOptions::columns(2), &mut |_| {}).expect("definite");
+    let mut solve = |b: &[f64]| {
+        let mut x = vec![0.0; n];
+        factor.solve(Columns::new(b, n, 1), Columns::new(&mut x[..], n, 1)).map(|_| x)
+    };
+    let good = wave(n);
+    let expected = solve(&good).expect("finite");
+    let mut bad = good.clone();
+    for value in [f64::NAN, f64::INFINITY] {
+        bad[77] = value;
+        assert_eq!(solve(&bad), Err(SolveError::NonFinite { row: 77 }));
+        assert_eq!(solve(&good).as_ref(), Ok(&expected), "nothing of it is left");
+    }
+    assert_eq!(solve(&vec![0.0; n]), Ok(vec![0.0; n]));
+}
+
+#[test]
+fn many_frames_of_two_handles_keep_their_bits_and_their_memory() {
+    let Some(backend) = opened::<f32, Single<f32>>(&Settings::default()) else { return };
+    let (system, n) = (grid(20, 11, 0.1), 220);
+    let prepare = || backend.prepare(&system, &PrepareOptions::columns(4), &mut |_| {}).expect("definite");
+    let mut factors = [prepare(), prepare()];
+    let (b, mut first, mut x) = (wave(n), vec![0.0; n], vec![0.0; n]);
+    let mut used = 0;
+    for frame in 0..2_000 {
+        let factor = &mut factors[frame % 2];
+        factor.solve(Columns::new(&b, n, 1), Columns::new(&mut x[..], n, 1)).expect("finite");
+        if frame == 0 {
+            first.copy_from_slice(&x);
+            used = backend.device.used();
+        }
+        assert_eq!(first, x, "frame {frame}");
+    }
+    assert_eq!(backend.device.used(), used);
+}
