@@ -5,15 +5,15 @@ use crate::isa::Real;
 use crate::sparse::SymmetricCsr;
 
 /// What the Krylov core needs of a matrix.
-pub(crate) trait Operator: Send {
+pub(crate) trait Operator: Send + Sync {
     /// The stored arrays, in the numbering of the iteration.
     fn csr(&self) -> Csr<'_>;
 
     /// Row of the system behind each row of the iteration.
     fn rows(&self) -> &[u32];
 
-    /// Computes A x and hands row i to `sink(i, (A x)_i)`, rows in ascending order, sums in f64.
-    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], sink: impl FnMut(usize, [f64; W]));
+    /// (A x)_i, sums in f64.
+    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W];
 
     /// Takes new values in the order of the prepared system's stored (upper) entries.
     fn update(&mut self, stored: &[f64]);
@@ -40,7 +40,7 @@ impl<'a> Csr<'a> {
     }
 
     /// Columns and values of row `i`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn row(&self, i: usize) -> (&'a [u32], &'a [f64]) {
         let range = self.starts[i] as usize..self.starts[i + 1] as usize;
         (&self.columns[range.clone()], &self.values[range])
@@ -104,20 +104,17 @@ impl Operator for FullCsr {
     }
 
     /// 2 W flops and 12 bytes of matrix per entry; x is gathered.
-    #[inline]
-    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], mut sink: impl FnMut(usize, [f64; W])) {
-        let a = self.csr();
-        for i in 0..a.n() {
-            let (columns, values) = a.row(i);
-            let mut sum = [0.0; W];
-            for (&j, &a) in columns.iter().zip(values) {
-                let x = &x[j as usize];
-                for c in 0..W {
-                    sum[c] += a * x[c].to_f64();
-                }
+    #[inline(always)]
+    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W] {
+        let (columns, values) = self.csr().row(i);
+        let mut sum = [0.0; W];
+        for (&j, &a) in columns.iter().zip(values) {
+            let x = &x[j as usize];
+            for c in 0..W {
+                sum[c] += a * x[c].to_f64();
             }
-            sink(i, sum);
         }
+        sum
     }
 
     fn update(&mut self, stored: &[f64]) {

@@ -10,6 +10,7 @@ use super::rows::Rows;
 use super::stiff::{self, Stiff};
 use crate::backends::cg::operator::Csr;
 use crate::backends::cg::preconditioner::{AnyPreconditioner, Budget, Preconditioner, Size};
+use crate::backends::cg::workers::Workers;
 use crate::error::PrepareError;
 use crate::vector::Vector;
 
@@ -44,6 +45,7 @@ impl Hierarchy {
     /// # Errors
     /// `NotPositiveDefinite` with the row where elimination breaks down, or the sample of the coarse row where it does.
     pub(crate) fn new(
+        workers: &mut Workers,
         a: Csr<'_>,
         interpolation: Interpolation<'_>,
         width: usize,
@@ -67,11 +69,12 @@ impl Hierarchy {
             points = points.take().map(|own| cells.samples.iter().map(|&s| own[s as usize]).collect());
             Some((p, cells))
         };
-        Self::build(a, order, keeps_weights, width, coarsen)
+        Self::build(workers, a, order, keeps_weights, width, coarsen)
     }
 
     /// Builds levels for as long as `coarsen` (given the number of the level and its matrix) makes cells.
     fn build(
+        workers: &mut Workers,
         a: Csr<'_>,
         stiff: Vec<u32>,
         keeps_weights: bool,
@@ -85,8 +88,8 @@ impl Hierarchy {
             let (p, cells) =
                 coarsen(levels.len(), matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
             let r = p.transpose(cells.count());
-            let coarse = galerkin::product(matrix.csr(), &p, &r);
-            levels.push(Level::new(matrix.csr(), p, r, width));
+            let coarse = galerkin::product(workers, matrix.csr(), &p, &r);
+            levels.push(Level::new(workers, matrix.csr(), p, r, width));
             all_cells.push(cells);
             matrix = coarse;
         }
@@ -105,30 +108,36 @@ fn smoothing_only(n: usize) -> (Rows<f32>, Cells) {
 }
 
 /// x = V-cycle(b), from zero.
-fn cycle<const W: usize>(levels: &mut [Level], bottom: &mut Bottom, b: &[[f32; W]], x: &mut [[f32; W]]) {
+fn cycle<const W: usize>(
+    workers: &mut Workers,
+    levels: &mut [Level],
+    bottom: &mut Bottom,
+    b: &[[f32; W]],
+    x: &mut [[f32; W]],
+) {
     let Some((level, coarser)) = levels.split_first_mut() else {
         return bottom.solve(b, x);
     };
-    level.down(b, x);
+    level.down(workers, b, x);
     let mut work = std::mem::take(&mut level.coarse);
     let rows = level.coarse_rows();
     let (coarse_b, coarse_x) = work.split::<W>(rows);
-    cycle(coarser, bottom, coarse_b, coarse_x);
+    cycle(workers, coarser, bottom, coarse_b, coarse_x);
     level.coarse = work;
-    level.up(b, x);
+    level.up(workers, b, x);
 }
 
 impl<const W: usize> Preconditioner<f32, W> for Hierarchy {
-    fn apply(&mut self, r: &mut [[f32; W]], z: &mut [[f32; W]]) {
+    fn apply(&mut self, workers: &mut Workers, r: &mut [[f32; W]], z: &mut [[f32; W]]) {
         self.stiff.forward(r);
-        cycle(&mut self.levels, &mut self.bottom, r, z);
+        cycle(workers, &mut self.levels, &mut self.bottom, r, z);
         self.stiff.backward(z, r);
     }
 }
 
 impl AnyPreconditioner<f32> for Hierarchy {
     /// Keeps the eliminated rows, the cells and, where they come from positions, the weights of the interpolation.
-    fn update(&mut self, a: Csr<'_>) -> Result<(), PrepareError> {
+    fn update(&mut self, workers: &mut Workers, a: Csr<'_>) -> Result<(), PrepareError> {
         let order = self.stiff.order().to_vec();
         let mut old = std::mem::take(&mut self.levels).into_iter();
         let mut cells = std::mem::take(&mut self.cells).into_iter();
@@ -143,7 +152,7 @@ impl AnyPreconditioner<f32> for Hierarchy {
             };
             Some((p, cells))
         };
-        *self = Self::build(a, order, keeps_weights, self.width, again)?;
+        *self = Self::build(workers, a, order, keeps_weights, self.width, again)?;
         Ok(())
     }
 

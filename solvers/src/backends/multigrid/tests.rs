@@ -5,6 +5,7 @@ use super::stiff;
 use crate::backend::{Factor, PrepareOptions};
 use crate::backends::cg::operator::{Csr, FullCsr, Operator};
 use crate::backends::cg::test_systems::{assert_spd, dirichlet, slivers, sphere, wave};
+use crate::backends::cg::workers::Workers;
 use crate::columns::Columns;
 use crate::conformance;
 use crate::error::SolveError;
@@ -45,11 +46,15 @@ fn conforms() {
 fn cycles_are_spd() {
     for mesh in [sphere(24, 1.0), sphere(24, 20.0), slivers(24, 1e-3)] {
         let system = dirichlet(&mesh, 60);
-        assert_spd(&system, 1e-5, |a| Hierarchy::new(a, Interpolation::Smoothed, 4).expect("definite"));
+        assert_spd(&system, 1e-5, |workers, a| {
+            Hierarchy::new(workers, a, Interpolation::Smoothed, 4).expect("definite")
+        });
         let rows = FullCsr::new(system.matrix()).rows().to_vec();
         let all = system.positions().expect("a mesh");
         let points: Vec<_> = rows.iter().map(|&row| all[row as usize]).collect();
-        let build = |a: Csr<'_>| Hierarchy::new(a, Interpolation::Barycentric(&points), 4).expect("definite");
+        let build = |workers: &mut Workers, a: Csr<'_>| {
+            Hierarchy::new(workers, a, Interpolation::Barycentric(&points), 4).expect("definite")
+        };
         assert_spd(&system, 1e-5, build);
     }
 }
