@@ -163,6 +163,26 @@ impl<S: Real, const W: usize> Kernel for Dots<'_, S, W> {
     }
 }
 
+/// x += alpha p.
+pub(crate) struct Follow<'a, S, const W: usize> {
+    pub(crate) alpha: &'a [f64; W],
+    pub(crate) p: &'a [[S; W]],
+    pub(crate) x: &'a mut [[f64; W]],
+}
+
+impl<S: Real, const W: usize> Kernel for Follow<'_, S, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Features>(self) {
+        for (x, p) in self.x.iter_mut().zip(self.p) {
+            for c in 0..W {
+                x[c] += self.alpha[c] * p[c].to_f64();
+            }
+        }
+    }
+}
+
 /// x += alpha p, then p = z + beta p.
 pub(crate) struct Advance<'a, S, const W: usize> {
     pub(crate) alpha: &'a [f64; W],

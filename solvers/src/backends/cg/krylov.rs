@@ -5,12 +5,13 @@
 //! and row of W lanes the core moves, besides A and M: q = A p (reads p, writes q), r (reads r and q, writes r), the dot
 //! products (read r, z, q), x and p (read x, p and z, write x and p): 11 rows of S and 2 of f64.
 //!
-//! The recurrence for r drifts away from b - A x, in f32 soon. So an iteration carries the residual down by the factor
-//! that its precision allows ([`Stored::TRUST`]); then the true residual is computed in f64 and, if it is too large, the
-//! iteration starts again from it (van der Vorst and Ye 2000). Success is claimed from the true residual only. The
-//! best iterate survives in the caller's x: when a residual rises after a minimum, the iterate before is written there.
+//! The recurrence for r drifts away from b - A x, in f32 soon. So whenever it has carried the residual of a lane down by the
+//! factor that its precision allows ([`Stored::TRUST`]), r is replaced by the true residual, computed in f64, while the
+//! search directions live on (van der Vorst and Ye 2000): what they know of A is not lost. Success is claimed from the
+//! true residual only; where it is too large then, the iteration starts again from it. The best iterate survives in the
+//! caller's x: when a residual rises after a minimum, the iterate before is written there.
 
-use super::kernels::{Advance, Dots, Load, Multiply, Residual, Step, Sums};
+use super::kernels::{Advance, Dots, Follow, Load, Multiply, Residual, Step, Sums};
 use super::lanes::Window;
 use super::operator::Operator;
 use super::preconditioner::{Budget, Preconditioner};
@@ -30,7 +31,7 @@ const PROGRESS: f64 = 0.9;
 
 /// Precision of the vectors of an iteration.
 pub(crate) trait Stored: Real {
-    /// Reduction of the residual over which its recurrence is believed.
+    /// Reduction of the residual over which its recurrence is believed; then the true residual takes its place.
     const TRUST: f64;
     /// Whether M^-1 is rounded so coarsely that it is unsymmetric to CG: one more dot product per iteration (the formula
     /// of Polak and Ribiere, see Golub and Ye 1999) then keeps it converging.
@@ -97,7 +98,7 @@ pub(crate) struct Goal {
 enum Lane {
     /// Iterating.
     Active,
-    /// As far down as this run of the recurrence shall go, or without a right-hand side.
+    /// At the tolerance as far as the recurrence knows, or without a right-hand side.
     Resting,
     /// p . A p <= 0 or a number overflowed: not positive definite, as far as rounding lets one see.
     Broken,
@@ -243,37 +244,61 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         self.lane.contains(&Lane::Active)
     }
 
-    /// CG from the current x and r, as far as the recurrence is trusted or the budget lasts.
+    /// CG from the current x and r to the tolerance, or as far as the budget lasts.
     fn iterate(&mut self, observe: &mut dyn FnMut(u32, f64)) {
         if !self.any_active() {
             return;
         }
-        let enough = self.rr.map(|rr| S::TRUST * S::TRUST * rr);
+        let mut trusted = self.rr;
         self.m.apply(self.force.workers, self.v.r, self.v.z);
         self.v.p.copy_from_slice(self.v.z);
         let [mut rz, _] = self.dots();
         while self.any_active() && !self.exhausted() {
             let pq = self.multiply();
-            let alpha = self.step_lengths(&rz, &pq);
+            let mut alpha = self.step_lengths(&rz, &pq);
             self.rr = self.step(&alpha);
             self.iterations += 1;
             self.keep_best();
             observe(self.iterations, self.worst());
-            self.rest(&enough);
+            self.rest();
+            let drifted = self.drifted(&trusted);
+            let replaced = drifted.contains(&true);
+            if replaced {
+                self.follow(&std::mem::replace(&mut alpha, [0.0; W]));
+                self.replace_residual(&drifted, &mut trusted);
+            }
             if self.any_active() {
                 self.m.apply(self.force.workers, self.v.r, self.v.z);
             }
             let [new, qz] = self.dots();
-            // Flexible: z . (r - r_old) / rz, with r - r_old = -alpha q and alpha = rz / pq.
             let ratio = |c: usize| match self.goal.method {
                 Method::Stationary => 0.0,
-                Method::Conjugate if S::FLEXIBLE => -qz[c] / pq[c],
+                // Flexible: z . (r - r_old) / rz, with r - r_old = -alpha q and alpha = rz / pq. A replaced r is not that.
+                Method::Conjugate if S::FLEXIBLE && !replaced => -qz[c] / pq[c],
                 Method::Conjugate => new[c] / rz[c],
             };
             let beta = std::array::from_fn(|c| if self.lane[c] == Lane::Active { ratio(c) } else { 0.0 });
             self.advance(&alpha, &beta);
             rz = new;
         }
+    }
+
+    /// Active lanes whose recurrence has gone as far as it is trusted.
+    fn drifted(&self, trusted: &[f64; W]) -> [bool; W] {
+        let enough = |c: usize| self.rr[c] <= S::TRUST * S::TRUST * trusted[c];
+        std::array::from_fn(|c| self.lane[c] == Lane::Active && enough(c))
+    }
+
+    /// Puts the true residual in the place of r. Drifted lanes break where it is not much smaller than the last time: then
+    /// rounding is all that is left.
+    fn replace_residual(&mut self, drifted: &[bool; W], trusted: &mut [f64; W]) {
+        self.rr = self.true_residual();
+        for c in (0..W).filter(|&c| drifted[c]) {
+            if !(self.rr[c] <= RESTART_GAIN * RESTART_GAIN * trusted[c]) {
+                self.lane[c] = Lane::Broken;
+            }
+        }
+        *trusted = self.rr;
     }
 
     /// q = A p; returns p . q.
@@ -304,6 +329,13 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
             sum.set(isa.run(Dots { r: &r[rows.clone()], q: &q[rows.clone()], z: &z[rows] }));
         });
         Sums::total(&sums[..strips.count()])
+    }
+
+    /// x += alpha p.
+    fn follow(&mut self, alpha: &[f64; W]) {
+        let Force { workers, strips, .. } = &mut self.force;
+        let (isa, p) = (workers.isa, &*self.v.p);
+        workers.run(strips, &mut *self.v.x, |_, rows, x| isa.run(Follow { alpha, p: &p[rows], x }));
     }
 
     /// x += alpha p, then p = z + beta p.
@@ -350,12 +382,12 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
     }
 
     /// Lanes that have come far enough rest.
-    fn rest(&mut self, enough: &[f64; W]) {
+    fn rest(&mut self) {
         for c in 0..W {
             if self.lane[c] != Lane::Active {
                 continue;
             }
-            if self.reached(c, 1.0) || self.rr[c] <= enough[c] {
+            if self.reached(c, 1.0) {
                 self.lane[c] = Lane::Resting;
             } else if !self.rr[c].is_finite() {
                 self.lane[c] = Lane::Broken;
