@@ -113,11 +113,11 @@ impl<S: Stored> Backend for Iterative<S> {
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Factor>, PrepareError> {
         on(Phase::Order);
-        let matrix = FullCsr::new(system.matrix());
+        let mut workers = Workers::new(self.threads)?;
+        let matrix = FullCsr::new(&mut workers, system.matrix());
         let row = |&row: &u32| system.positions().map(|points| points[row as usize]);
         let points: Option<Vec<Vector>> = matrix.rows().iter().map(row).collect();
         on(Phase::Numeric);
-        let mut workers = Workers::new(self.threads)?;
         let preconditioner =
             (self.build)(&mut workers, matrix.csr(), points.as_deref(), lanes::width(options.max_columns))
                 .map_err(|error| in_system(error, matrix.rows()))?;

@@ -1,6 +1,7 @@
 //! Sparse matrices by full rows, and their product with rows of W lanes.
 
 use super::order;
+use super::workers::{Strips, Workers};
 use crate::isa::Real;
 use crate::sparse::SymmetricCsr;
 
@@ -68,26 +69,38 @@ pub(crate) struct FullCsr {
 
 impl FullCsr {
     /// Mirrors the stored triangle of `matrix`, rows in breadth-first order.
-    pub(crate) fn new(matrix: &SymmetricCsr) -> Self {
+    pub(crate) fn new(workers: &mut Workers, matrix: &SymmetricCsr) -> Self {
         let pattern = matrix.full_pattern();
         let rows = order::breadth_first(&pattern.starts, &pattern.columns);
         let mut position = vec![0; rows.len()];
         rows.iter().enumerate().for_each(|(new, &old)| position[old as usize] = new as u32);
         let entries = pattern.columns.len();
-        let (mut starts, mut columns, mut source) = (vec![0], vec![0; entries], vec![0; entries]);
-        let mut row: Vec<(u32, u32)> = Vec::new();
-        let mut at = 0;
-        for &old in &rows {
-            let range = pattern.starts[old as usize] as usize..pattern.starts[old as usize + 1] as usize;
-            row.clear();
-            row.extend(range.map(|e| (position[pattern.columns[e] as usize], pattern.source[e])));
-            row.sort_unstable();
-            for &(column, entry) in &row {
-                (columns[at], source[at]) = (column, entry);
-                at += 1;
+        let of = |old: u32| pattern.starts[old as usize] as usize..pattern.starts[old as usize + 1] as usize;
+        let mut starts = Vec::with_capacity(rows.len() + 1);
+        starts.push(0);
+        let mut end = 0;
+        starts.extend(rows.iter().map(|&old| {
+            end += of(old).len() as u32;
+            end
+        }));
+        let (mut columns, mut source) = (vec![0; entries], vec![0; entries]);
+        let strips = workers.strips(rows.len());
+        let bounds =
+            (0..=strips.count()).map(|t| if t == 0 { 0 } else { starts[strips.range(t - 1).end] as usize });
+        let of_entries = Strips::new(bounds.collect());
+        workers.run(&of_entries, (&mut columns[..], &mut source[..]), |t, _, (columns, source)| {
+            let mut row: Vec<(u32, u32)> = Vec::new();
+            let mut at = 0;
+            for &old in &rows[strips.range(t)] {
+                row.clear();
+                row.extend(of(old).map(|e| (position[pattern.columns[e] as usize], pattern.source[e])));
+                row.sort_unstable();
+                for &(column, entry) in &row {
+                    (columns[at], source[at]) = (column, entry);
+                    at += 1;
+                }
             }
-            starts.push(at as u32);
-        }
+        });
         let mut full = Self { values: vec![0.0; entries], starts, columns, source, rows };
         full.update(matrix.values());
         full

@@ -85,7 +85,7 @@ fn spd_with<S: Real, P: Preconditioner<S, 4>>(
     build: &impl Fn(&mut Workers, Csr<'_>) -> P,
 ) {
     let mut workers = Workers::new(threads).expect("threads");
-    let matrix = FullCsr::new(system.matrix());
+    let matrix = FullCsr::new(&mut Workers::one(), system.matrix());
     let mut m = build(&mut workers, matrix.csr());
     let n = system.n();
     let mut r: Vec<[S; 4]> =

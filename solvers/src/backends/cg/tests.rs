@@ -7,6 +7,7 @@ use super::ic0::IncompleteCholesky;
 use super::jacobi::Jacobi;
 use super::operator::{FullCsr, Operator};
 use super::test_systems::{assert_spd, dirichlet, slivers, sphere, wave};
+use super::workers::Workers;
 use crate::backend::{Factor, PrepareOptions};
 use crate::columns::Columns;
 use crate::conformance;
@@ -169,7 +170,7 @@ fn preconditioners_are_worth_their_cost() {
 #[test]
 fn ic0_survives_positive_off_diagonals() {
     let system = dirichlet(&slivers(20, 1e-4), 100);
-    let matrix = FullCsr::new(system.matrix());
+    let matrix = FullCsr::new(&mut Workers::one(), system.matrix());
     assert!(IncompleteCholesky::factor(matrix.csr(), &matrix.csr().diagonal(), 0.0).is_none());
     let n = system.n();
     let (b, mut x) = (wave(n, 1), vec![0.0; n]);

@@ -2,15 +2,12 @@
 
 use super::rows::Rows;
 use crate::backends::cg::operator::Csr;
-use crate::backends::cg::workers::{Each, Workers};
+use crate::backends::cg::workers::Workers;
 use std::ops::Range;
 
 /// P^T A P by rows, columns ascending; `r` is P^T. About 45 multiplications per fine row of a mesh.
 pub(crate) fn product(workers: &mut Workers, a: Csr<'_>, p: &Rows<f32>, r: &Rows<f32>) -> Rows<f64> {
-    let strips = workers.strips(r.n());
-    let mut parts: Vec<Rows<f64>> = vec![Rows::default(); strips.count()];
-    workers.run(&strips, Each(&mut parts), |_, rows, part| *part = strip(a, p, r, rows));
-    Rows::concatenate(parts)
+    workers.rows(r.n(), |rows| strip(a, p, r, rows))
 }
 
 /// Rows `rows` of P^T A P.

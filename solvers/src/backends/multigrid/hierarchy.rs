@@ -5,7 +5,7 @@ use super::cells::Cells;
 use super::filter::Filtered;
 use super::galerkin;
 use super::interpolate;
-use super::level::Level;
+use super::level::{self, Level};
 use super::rows::Rows;
 use super::stiff::{self, Stiff};
 use crate::backends::cg::operator::Csr;
@@ -50,46 +50,46 @@ impl Hierarchy {
         interpolation: Interpolation<'_>,
         width: usize,
     ) -> Result<Self, PrepareError> {
-        let order = stiff::choose(a);
+        let order = stiff::choose(workers, a);
         let mut points = match interpolation {
             Interpolation::Smoothed => None,
             Interpolation::Barycentric(points) => Some(points.to_vec()),
         };
         let keeps_weights = points.is_some();
-        let coarsen = |_, a: Csr<'_>| {
+        let coarsen = |workers: &mut Workers, a: Csr<'_>| {
             let f = Filtered::new(a);
             let cells = Cells::new(&f);
             if cells.count() as f64 > WORTHWHILE * a.n() as f64 {
                 return None;
             }
             let p = match &points {
-                Some(points) => interpolate::barycentric(a, &cells, points),
-                None => interpolate::smoothed(&f, &cells),
+                Some(points) => interpolate::barycentric(workers, a, &cells, points),
+                None => interpolate::smoothed(workers, &f, &cells),
             };
             points = points.take().map(|own| cells.samples.iter().map(|&s| own[s as usize]).collect());
-            Some((p, cells))
+            Some((level::Interpolation::new(p, cells.count()), cells))
         };
         Self::build(workers, a, order, keeps_weights, width, coarsen)
     }
 
-    /// Builds levels for as long as `coarsen` (given the number of the level and its matrix) makes cells.
+    /// Builds levels for as long as `coarsen` (given the matrix of a level) makes cells.
     fn build(
         workers: &mut Workers,
         a: Csr<'_>,
         stiff: Vec<u32>,
         keeps_weights: bool,
         width: usize,
-        mut coarsen: impl FnMut(usize, Csr<'_>) -> Option<(Rows<f32>, Cells)>,
+        mut coarsen: impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)>,
     ) -> Result<Self, PrepareError> {
         let not_definite = |row| PrepareError::NotPositiveDefinite { row };
         let (stiff, mut matrix) = Stiff::factor(a, stiff, width).map_err(not_definite)?;
         let (mut levels, mut all_cells) = (Vec::new(), Vec::<Cells>::new());
         while matrix.n() > BOTTOM_ROWS {
-            let (p, cells) =
-                coarsen(levels.len(), matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
-            let r = p.transpose(cells.count());
-            let coarse = galerkin::product(workers, matrix.csr(), &p, &r);
-            levels.push(Level::new(workers, matrix.csr(), p, r, width));
+            let (interpolation, cells) =
+                coarsen(workers, matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
+            let level::Interpolation { p, r } = &interpolation;
+            let coarse = galerkin::product(workers, matrix.csr(), p, r);
+            levels.push(Level::new(workers, matrix.csr(), interpolation, width));
             all_cells.push(cells);
             matrix = coarse;
         }
@@ -102,9 +102,9 @@ impl Hierarchy {
 }
 
 /// The last level of a matrix without couplings worth following: its cycle is one symmetric Gauss-Seidel step.
-fn smoothing_only(n: usize) -> (Rows<f32>, Cells) {
+fn smoothing_only(n: usize) -> (level::Interpolation, Cells) {
     let nothing = Rows { starts: vec![0; n + 1], columns: Vec::new(), values: Vec::new() };
-    (nothing, Cells { owner: Vec::new(), samples: Vec::new() })
+    (level::Interpolation::new(nothing, 0), Cells { owner: Vec::new(), samples: Vec::new() })
 }
 
 /// x = V-cycle(b), from zero.
@@ -142,15 +142,16 @@ impl AnyPreconditioner<f32> for Hierarchy {
         let mut old = std::mem::take(&mut self.levels).into_iter();
         let mut cells = std::mem::take(&mut self.cells).into_iter();
         let keeps_weights = self.keeps_weights;
-        let again = |_, a: Csr<'_>| {
+        let again = |workers: &mut Workers, a: Csr<'_>| {
             let (level, cells) = (old.next()?, cells.next()?);
-            let p = level.into_interpolation();
-            let p = if keeps_weights || cells.count() == 0 {
-                p
+            let kept = level.into_interpolation();
+            let interpolation = if keeps_weights || cells.count() == 0 {
+                kept
             } else {
-                interpolate::smoothed(&Filtered::new(a), &cells)
+                let p = interpolate::smoothed(workers, &Filtered::new(a), &cells);
+                level::Interpolation::new(p, cells.count())
             };
-            Some((p, cells))
+            Some((interpolation, cells))
         };
         *self = Self::build(workers, a, order, keeps_weights, self.width, again)?;
         Ok(())

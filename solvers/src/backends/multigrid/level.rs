@@ -11,46 +11,61 @@
 
 use super::rows::Rows;
 use crate::backends::cg::operator::Csr;
-use crate::backends::cg::workers::{Strips, Workers};
+use crate::backends::cg::workers::{Each, Strips, Workers};
 use crate::isa::{Features, Kernel};
 use std::ops::Range;
+
+/// P and its transpose.
+pub(crate) struct Interpolation {
+    /// Rows of this level from those of the next.
+    pub(crate) p: Rows<f32>,
+    /// P^T.
+    pub(crate) r: Rows<f32>,
+}
+
+impl Interpolation {
+    /// P with its transpose, of `coarse` rows.
+    pub(crate) fn new(p: Rows<f32>, coarse: usize) -> Self {
+        let r = p.transpose(coarse);
+        Self { p, r }
+    }
+}
 
 /// Matrix, interpolation and workspace of a level.
 pub(crate) struct Level {
     strips: Strips,
-    /// Entries within strips but the diagonal.
+    /// The matrix, by strips.
+    parts: Vec<Part>,
+    interpolation: Interpolation,
+    /// Residual of this level, W lanes per row.
+    residual: Vec<f32>,
+    coarse_strips: Strips,
+    /// What the next level works on.
+    pub(crate) coarse: Coarse,
+}
+
+/// The rows of a strip.
+#[derive(Default)]
+struct Part {
+    /// Entries within the strip but the diagonal; rows and columns count from its first row.
     inner: Rows<f32>,
     /// Where the upper triangle of each row begins in `inner`.
     upper: Vec<u32>,
     /// 1 / (a_ii + l1-weight).
     inverse: Vec<f32>,
-    border: Border,
-    p: Rows<f32>,
-    r: Rows<f32>,
-    /// Residual of this level.
-    residual: Vec<f32>,
-    /// What the next level works on.
-    pub(crate) coarse: Coarse,
-}
-
-/// Entries between strips, in the rows that have any.
-struct Border {
-    /// Those rows, ascending.
-    rows: Vec<u32>,
-    /// Which of them lie in which strip.
-    strips: Strips,
-    /// Their entries between strips.
-    entries: Rows<f32>,
+    /// Rows of the strip with entries outside, ascending.
+    border: Vec<u32>,
+    /// Those entries, their columns in the numbering of the level.
+    outer: Rows<f32>,
     /// The sum of |a_ij| over them.
     weights: Vec<f32>,
-    /// What a sweep takes from before it, W lanes per row.
+    /// What the upward sweep takes from before it, W lanes per row of the border.
     held: Vec<f32>,
 }
 
 /// Right-hand side and iterate of a coarse level, W lanes per row.
 #[derive(Default)]
 pub(crate) struct Coarse {
-    strips: Option<Strips>,
     b: Vec<f32>,
     x: Vec<f32>,
 }
@@ -63,154 +78,136 @@ impl Coarse {
 }
 
 impl Level {
-    /// Packs `a` and its interpolation `p` (`r` = P^T).
-    pub(crate) fn new(workers: &Workers, a: Csr<'_>, p: Rows<f32>, r: Rows<f32>, width: usize) -> Self {
-        let n = a.n();
-        let strips = workers.strips(n);
-        let mut inner = Rows::with_capacity(n, a.columns.len() - n);
-        let (mut upper, mut inverse) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        let mut border = BorderBuilder::default();
-        for t in 0..strips.count() {
-            let own = strips.range(t);
-            for i in own.clone() {
-                let (columns, values) = a.row(i);
-                let mut diagonal = 0.0;
-                for (&j, &v) in columns.iter().zip(values) {
-                    let j = j as usize;
-                    if j == i {
-                        diagonal = v;
-                        upper.push(inner.entries() as u32);
-                    } else if own.contains(&j) {
-                        inner.push(j as u32, v as f32);
-                    } else {
-                        border.push(j as u32, v);
-                    }
-                }
-                inner.end_row();
-                inverse.push((1.0 / (diagonal + border.end_row(i))) as f32);
-            }
-            border.end_strip();
+    /// Packs `a` and its interpolation.
+    pub(crate) fn new(workers: &mut Workers, a: Csr<'_>, interpolation: Interpolation, width: usize) -> Self {
+        let strips = workers.strips(a.n());
+        let mut parts = Vec::new();
+        parts.resize_with(strips.count(), Part::default);
+        workers.run(&strips, Each(&mut parts), |_, rows, part| *part = Part::new(a, rows, width));
+        let coarse = interpolation.r.n();
+        Self {
+            strips,
+            parts,
+            residual: vec![0.0; a.n() * width],
+            coarse_strips: workers.strips(coarse),
+            coarse: Coarse { b: vec![0.0; coarse * width], x: vec![0.0; coarse * width] },
+            interpolation,
         }
-        let border = border.finish(width);
-        let coarse_rows = r.n();
-        let coarse = Coarse {
-            strips: Some(workers.strips(coarse_rows)),
-            b: vec![0.0; coarse_rows * width],
-            x: vec![0.0; coarse_rows * width],
-        };
-        Self { strips, inner, upper, inverse, border, p, r, residual: vec![0.0; n * width], coarse }
     }
 
     /// The interpolation, to be used again.
-    pub(crate) fn into_interpolation(self) -> Rows<f32> {
-        self.p
+    pub(crate) fn into_interpolation(self) -> Interpolation {
+        self.interpolation
     }
 
     /// Rows of the next level.
     pub(crate) fn coarse_rows(&self) -> usize {
-        self.r.n()
+        self.interpolation.r.n()
     }
 
     /// Smooths from zero, x = (D + L)^-1 b, and restricts the residual to the next level.
     pub(crate) fn down<const W: usize>(&mut self, workers: &mut Workers, b: &[[f32; W]], x: &mut [[f32; W]]) {
         let isa = workers.isa;
-        let level = &*self;
-        workers.run(&self.strips, &mut *x, |_, rows, x| isa.run(SweepDown { level, rows, b, x }));
-        let mut buffer = std::mem::take(&mut self.residual);
-        let residual = buffer.as_chunks_mut::<W>().0;
-        let (level, x) = (&*self, &*x);
-        workers.run(&self.strips, &mut residual[..b.len()], |t, rows, residual| {
-            isa.run(Remainder { level, border: level.border.strips.range(t), rows, x, residual });
+        let parts = &self.parts[..];
+        workers.run(&self.strips, &mut *x, |t, rows, x| {
+            isa.run(SweepDown { part: &parts[t], b: &b[rows], x });
         });
-        let coarse = &mut self.coarse;
-        let strips = coarse.strips.as_ref().expect("set with the level");
-        let out = &mut coarse.b.as_chunks_mut::<W>().0[..self.r.n()];
-        self.r.multiply(workers, strips, residual, out, false);
-        self.residual = buffer;
+        let (x, residual) = (&*x, &mut self.residual.as_chunks_mut::<W>().0[..b.len()]);
+        workers.run(&self.strips, &mut *residual, |t, rows, residual| {
+            isa.run(Remainder { part: &parts[t], first: rows.start, x, residual });
+        });
+        let r = &self.interpolation.r;
+        let coarse = &mut self.coarse.b.as_chunks_mut::<W>().0[..r.n()];
+        r.multiply(workers, &self.coarse_strips, residual, coarse, false);
     }
 
     /// Adds the coarse correction and smooths backwards: x = (D + U)^-1 (b - L x).
     pub(crate) fn up<const W: usize>(&mut self, workers: &mut Workers, b: &[[f32; W]], x: &mut [[f32; W]]) {
         let isa = workers.isa;
-        self.p.multiply(workers, &self.strips, self.coarse.x.as_chunks::<W>().0, x, true);
-        self.border.hold(x);
-        let level = &*self;
-        workers.run(&self.strips, x, |t, rows, x| {
-            isa.run(SweepUp { level, border: level.border.strips.range(t), rows, b, x });
-        });
+        let correction = self.coarse.x.as_chunks::<W>().0;
+        self.interpolation.p.multiply(workers, &self.strips, correction, x, true);
+        for (t, part) in self.parts.iter_mut().enumerate() {
+            part.hold(self.strips.range(t).start, x);
+        }
+        let parts = &self.parts[..];
+        workers.run(&self.strips, x, |t, rows, x| isa.run(SweepUp { part: &parts[t], b: &b[rows], x }));
     }
 
     /// Entries and bytes of matrix and interpolation.
     pub(crate) fn size(&self) -> (usize, usize) {
-        let parts = [&self.inner, &self.border.entries, &self.p, &self.r];
-        let entries = parts.iter().map(|m| m.entries()).sum::<usize>() + self.inverse.len();
-        let vectors = self.inverse.len() + self.upper.len() + 2 * self.border.rows.len();
-        (entries, parts.iter().map(|m| m.bytes()).sum::<usize>() + 4 * vectors)
+        let Interpolation { p, r } = &self.interpolation;
+        let own = (p.entries() + r.entries(), p.bytes() + r.bytes());
+        self.parts.iter().map(Part::size).fold(own, |sum, part| (sum.0 + part.0, sum.1 + part.1))
     }
 }
 
-impl Border {
-    /// What the sweep over x must take from before: weight x_i - sum_j a_ij x_j. A few rows, not worth the threads.
-    fn hold<const W: usize>(&mut self, x: &[[f32; W]]) {
+impl Part {
+    /// The rows `own` of `a`.
+    fn new(a: Csr<'_>, own: Range<usize>, width: usize) -> Self {
+        let (n, first) = (own.len(), own.start);
+        let entries = (a.starts[own.end] - a.starts[first]) as usize;
+        let mut part = Self {
+            inner: Rows::with_capacity(n, entries - n),
+            upper: Vec::with_capacity(n),
+            inverse: Vec::with_capacity(n),
+            outer: Rows::with_capacity(0, 0),
+            ..Self::default()
+        };
+        for i in own.clone() {
+            let (columns, values) = a.row(i);
+            let (mut diagonal, mut weight) = (0.0, 0.0);
+            let before = part.outer.entries();
+            for (&j, &v) in columns.iter().zip(values) {
+                let column = j as usize;
+                if column == i {
+                    diagonal = v;
+                    part.upper.push(part.inner.entries() as u32);
+                } else if own.contains(&column) {
+                    part.inner.push((column - first) as u32, v as f32);
+                } else {
+                    part.outer.push(j, v as f32);
+                    weight += v.abs();
+                }
+            }
+            part.inner.end_row();
+            part.inverse.push((1.0 / (diagonal + weight)) as f32);
+            if part.outer.entries() > before {
+                part.outer.end_row();
+                part.border.push((i - first) as u32);
+                part.weights.push(weight as f32);
+            }
+        }
+        part.held = vec![0.0; part.border.len() * width];
+        part
+    }
+
+    /// What the sweep must take from before it: weight x_i - sum_j a_ij x_j along the border. A few rows, not worth the
+    /// threads. `first` is the strip's first row.
+    fn hold<const W: usize>(&mut self, first: usize, x: &[[f32; W]]) {
         let held = self.held.as_chunks_mut::<W>().0;
-        for (k, held) in held[..self.rows.len()].iter_mut().enumerate() {
-            let own = &x[self.rows[k] as usize];
-            let mut sum = [0.0; W];
-            (0..W).for_each(|c| sum[c] = self.weights[k] * own[c]);
-            *held = subtract(sum, self.entries.row(k), x, 0);
+        for (k, held) in held[..self.border.len()].iter_mut().enumerate() {
+            let own = x[first + self.border[k] as usize].map(|x| self.weights[k] * x);
+            *held = subtract(own, self.outer.row(k), x);
         }
     }
-}
 
-/// A border in the making.
-#[derive(Default)]
-struct BorderBuilder {
-    rows: Vec<u32>,
-    bounds: Vec<usize>,
-    entries: Option<Rows<f32>>,
-    weights: Vec<f32>,
-    sum: f64,
-}
-
-impl BorderBuilder {
-    fn push(&mut self, column: u32, value: f64) {
-        self.entries.get_or_insert_with(|| Rows::with_capacity(0, 0)).push(column, value as f32);
-        self.sum += value.abs();
-    }
-
-    /// Ends row `i`; its weight.
-    fn end_row(&mut self, i: usize) -> f64 {
-        let sum = std::mem::take(&mut self.sum);
-        if let Some(entries) = self.entries.as_mut().filter(|e| e.starts[e.n()] < e.entries() as u32) {
-            entries.end_row();
-            self.rows.push(i as u32);
-            self.weights.push(sum as f32);
-        }
-        sum
-    }
-
-    fn end_strip(&mut self) {
-        self.bounds.push(self.rows.len());
-    }
-
-    fn finish(mut self, width: usize) -> Border {
-        self.bounds.insert(0, 0);
-        let held = vec![0.0; self.rows.len() * width];
-        let entries = self.entries.unwrap_or_else(|| Rows::with_capacity(0, 0));
-        Border { rows: self.rows, strips: Strips::new(self.bounds), entries, weights: self.weights, held }
+    /// Entries and bytes.
+    fn size(&self) -> (usize, usize) {
+        let entries = self.inner.entries() + self.outer.entries() + self.inverse.len();
+        let vectors = self.inverse.len() + self.upper.len() + 2 * self.border.len();
+        (entries, self.inner.bytes() + self.outer.bytes() + 4 * vectors)
     }
 }
 
-/// sum - row . x, where `x` starts at row `first`.
+/// sum - row . x
 #[inline(always)]
 fn subtract<const W: usize>(
     mut sum: [f32; W],
     (columns, values): (&[u32], &[f32]),
     x: &[[f32; W]],
-    first: usize,
 ) -> [f32; W] {
     for (&j, &a) in columns.iter().zip(values) {
-        let x = &x[j as usize - first];
+        let x = &x[j as usize];
         for c in 0..W {
             sum[c] -= a * x[c];
         }
@@ -218,10 +215,9 @@ fn subtract<const W: usize>(
     sum
 }
 
-/// x = (D + L)^-1 b within a strip; `x` is its part.
+/// x = (D + L)^-1 b within a strip.
 struct SweepDown<'a, const W: usize> {
-    level: &'a Level,
-    rows: Range<usize>,
+    part: &'a Part,
     b: &'a [[f32; W]],
     x: &'a mut [[f32; W]],
 }
@@ -231,24 +227,23 @@ impl<const W: usize> Kernel for SweepDown<'_, W> {
 
     #[inline(always)]
     fn run<F: Features>(self) {
-        let Level { inner, upper, inverse, .. } = self.level;
-        let first = self.rows.start;
-        for i in self.rows {
+        let Part { inner, upper, inverse, .. } = self.part;
+        for i in 0..self.x.len() {
             let lower = inner.starts[i] as usize..upper[i] as usize;
-            let mut sum =
-                subtract(self.b[i], (&inner.columns[lower.clone()], &inner.values[lower]), self.x, first);
+            let row = (&inner.columns[lower.clone()], &inner.values[lower]);
+            let mut sum = subtract(self.b[i], row, self.x);
             (0..W).for_each(|c| sum[c] *= inverse[i]);
-            self.x[i - first] = sum;
+            self.x[i] = sum;
         }
     }
 }
 
 /// residual = b - A x after [`SweepDown`]: -U x, and along the border weight x - O x.
 struct Remainder<'a, const W: usize> {
-    level: &'a Level,
-    /// The strip's part of the border.
-    border: Range<usize>,
-    rows: Range<usize>,
+    part: &'a Part,
+    /// First row of the strip.
+    first: usize,
+    /// All strips.
     x: &'a [[f32; W]],
     residual: &'a mut [[f32; W]],
 }
@@ -258,28 +253,23 @@ impl<const W: usize> Kernel for Remainder<'_, W> {
 
     #[inline(always)]
     fn run<F: Features>(self) {
-        let Level { inner, upper, border, .. } = self.level;
-        let first = self.rows.start;
-        for i in self.rows {
+        let Part { inner, upper, border, outer, weights, .. } = self.part;
+        let own = &self.x[self.first..self.first + self.residual.len()];
+        for (i, residual) in self.residual.iter_mut().enumerate() {
             let upper = upper[i] as usize..inner.starts[i + 1] as usize;
-            let row = (&inner.columns[upper.clone()], &inner.values[upper]);
-            self.residual[i - first] = subtract([0.0; W], row, self.x, 0);
+            *residual = subtract([0.0; W], (&inner.columns[upper.clone()], &inner.values[upper]), own);
         }
-        for k in self.border {
-            let i = border.rows[k] as usize;
-            let mut sum = self.residual[i - first];
-            (0..W).for_each(|c| sum[c] += border.weights[k] * self.x[i][c]);
-            self.residual[i - first] = subtract(sum, border.entries.row(k), self.x, 0);
+        for (k, &i) in border.iter().enumerate() {
+            let residual = &mut self.residual[i as usize];
+            (0..W).for_each(|c| residual[c] += weights[k] * own[i as usize][c]);
+            *residual = subtract(*residual, outer.row(k), self.x);
         }
     }
 }
 
-/// x = (D + U)^-1 (b - L x) within a strip, backwards; `x` is its part.
+/// x = (D + U)^-1 (b - L x) within a strip, backwards.
 struct SweepUp<'a, const W: usize> {
-    level: &'a Level,
-    /// The strip's part of the border.
-    border: Range<usize>,
-    rows: Range<usize>,
+    part: &'a Part,
     b: &'a [[f32; W]],
     x: &'a mut [[f32; W]],
 }
@@ -289,18 +279,18 @@ impl<const W: usize> Kernel for SweepUp<'_, W> {
 
     #[inline(always)]
     fn run<F: Features>(self) {
-        let Level { inner, inverse, border, .. } = self.level;
-        let (first, held) = (self.rows.start, border.held.as_chunks::<W>().0);
-        let mut ahead = self.border;
-        for i in self.rows.rev() {
+        let Part { inner, inverse, border, held, .. } = self.part;
+        let held = held.as_chunks::<W>().0;
+        let mut ahead = border.len();
+        for i in (0..self.x.len()).rev() {
             let mut sum = self.b[i];
-            if !ahead.is_empty() && border.rows[ahead.end - 1] as usize == i {
-                ahead.end -= 1;
-                (0..W).for_each(|c| sum[c] += held[ahead.end][c]);
+            if ahead > 0 && border[ahead - 1] as usize == i {
+                ahead -= 1;
+                (0..W).for_each(|c| sum[c] += held[ahead][c]);
             }
-            let mut sum = subtract(sum, inner.row(i), self.x, first);
+            let mut sum = subtract(sum, inner.row(i), self.x);
             (0..W).for_each(|c| sum[c] *= inverse[i]);
-            self.x[i - first] = sum;
+            self.x[i] = sum;
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Rectangular sparse matrices by rows.
 
 use crate::backends::cg::operator::Csr;
-use crate::backends::cg::workers::{Strips, Workers};
+use crate::backends::cg::workers::{Each, Strips, Workers};
 use crate::isa::{Features, Kernel, Real};
 use std::ops::Range;
 
@@ -134,6 +134,20 @@ impl<T: Real, const W: usize> Kernel for Multiply<'_, T, W> {
             }
             *y = sum;
         }
+    }
+}
+
+impl Workers {
+    /// `n` rows of a matrix, every strip made by `strip` on a thread of its own.
+    pub(crate) fn rows<T: Real>(
+        &mut self,
+        n: usize,
+        strip: impl Fn(Range<usize>) -> Rows<T> + Sync,
+    ) -> Rows<T> {
+        let strips = self.strips(n);
+        let mut parts = vec![Rows::default(); strips.count()];
+        self.run(&strips, Each(&mut parts), |_, rows, part| *part = strip(rows));
+        Rows::concatenate(parts)
     }
 }
 
