@@ -104,6 +104,9 @@ const DIRECT: Entry = Entry {
 const ITERATIVE: Entry =
     Entry { family: Family::Iterative, accuracy: Accuracy::Iterative, warm_start: true, ..DIRECT };
 
+/// An iterative method on a Vulkan device, f64 results.
+const DEVICE_ITERATIVE: Entry = Entry { family: Family::Gpu, ..ITERATIVE };
+
 /// Every built-in backend, also those whose feature is off (their `open` says so).
 pub const BACKENDS: &[Entry] = &[
     Entry {
@@ -148,6 +151,21 @@ pub const BACKENDS: &[Entry] = &[
     Entry { id: "cg-amg", open: backends::multigrid::open_amg, ..ITERATIVE },
     Entry { id: "cg-multigrid", open: backends::multigrid::open_cg, ..ITERATIVE },
     Entry { id: "multigrid", open: backends::multigrid::open, ..ITERATIVE },
+    Entry {
+        id: "vulkan-cg-jacobi",
+        open: gated!("vulkan", backends::vulkan::cg::open_jacobi),
+        ..DEVICE_ITERATIVE
+    },
+    Entry {
+        id: "vulkan-cg-fsai",
+        open: gated!("vulkan", backends::vulkan::cg::open_fsai),
+        ..DEVICE_ITERATIVE
+    },
+    Entry {
+        id: "vulkan-cg-multigrid",
+        open: gated!("vulkan", backends::vulkan::cg::open_multigrid),
+        ..DEVICE_ITERATIVE
+    },
     Entry { id: "sprs-cg", open: gated!("sprs", backends::sprs_cg::open), ..ITERATIVE },
 ];
 

@@ -21,21 +21,28 @@ impl Prepared {
         let (b, x) = (Columns::new(&b[..], self.inputs, k), Columns::new(&mut x[..], self.outputs, k));
         let (sender, receiver) = channel();
         let observer = Some(clocked(sender));
+        let unsupported = || {
+            let message = "has no iterations to report".to_owned();
+            Err(Refusal { kind: RefusalKind::Unsupported, message })
+        };
         let outcome = match &mut self.handle {
-            Handle::System(factor) if factor.observe(observer) => {
+            Handle::System(factor) => {
+                if !factor.observe(observer) {
+                    return unsupported();
+                }
                 let outcome = factor.solve(b, x);
                 factor.observe(None);
                 outcome
             }
-            Handle::Harmonic(harmonic) if harmonic.observe(observer) => {
+            Handle::Harmonic(harmonic) => {
+                if !harmonic.observe(observer) {
+                    return unsupported();
+                }
                 let outcome = harmonic.solve(b, x);
                 harmonic.observe(None);
                 outcome
             }
-            _ => {
-                let message = "has no iterations to report".to_owned();
-                return Err(Refusal { kind: RefusalKind::Unsupported, message });
-            }
+            Handle::Transfer(_) => return unsupported(),
         };
         match outcome {
             Ok(_) | Err(SolveError::NotConverged { .. }) => Ok(thinned(receiver.iter().collect())),

@@ -59,6 +59,14 @@ impl Fsai {
     }
 }
 
+#[cfg(feature = "vulkan")]
+impl Fsai {
+    /// G and G^T.
+    pub(crate) fn into_factors(self) -> (Rows<f64>, Rows<f64>) {
+        (self.g, self.transposed)
+    }
+}
+
 /// The columns of row `i` of G, ascending; the last one is i.
 fn choose(a: Csr<'_>, diagonal: &[f64], pattern: Pattern, i: usize, chosen: &mut Vec<u32>) {
     chosen.clear();

@@ -19,11 +19,11 @@
 
 mod approxchol;
 mod chebyshev;
-mod fsai;
+pub(crate) mod fsai;
 pub(crate) mod handle;
 mod ic0;
 pub(crate) mod jacobi;
-mod kernels;
+pub(crate) mod kernels;
 pub(crate) mod krylov;
 pub(crate) mod lanes;
 pub(crate) mod operator;

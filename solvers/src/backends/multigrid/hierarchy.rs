@@ -51,25 +51,8 @@ impl Hierarchy {
         width: usize,
     ) -> Result<Self, PrepareError> {
         let order = stiff::choose(workers, a);
-        let mut points = match interpolation {
-            Interpolation::Smoothed => None,
-            Interpolation::Barycentric(points) => Some(points.to_vec()),
-        };
-        let keeps_weights = points.is_some();
-        let coarsen = |workers: &mut Workers, a: Csr<'_>| {
-            let f = Filtered::new(a);
-            let cells = Cells::new(&f);
-            if cells.count() as f64 > WORTHWHILE * a.n() as f64 {
-                return None;
-            }
-            let p = match &points {
-                Some(points) => interpolate::barycentric(workers, a, &cells, points),
-                None => interpolate::smoothed(workers, &f, &cells),
-            };
-            points = points.take().map(|own| cells.samples.iter().map(|&s| own[s as usize]).collect());
-            Some((level::Interpolation::new(p, cells.count()), cells))
-        };
-        Self::build(workers, a, order, keeps_weights, width, coarsen)
+        let keeps_weights = interpolation != Interpolation::Smoothed;
+        Self::build(workers, a, order, keeps_weights, width, coarsening(interpolation))
     }
 
     /// Builds levels for as long as `coarsen` (given the matrix of a level) makes cells.
@@ -79,26 +62,77 @@ impl Hierarchy {
         stiff: Vec<u32>,
         keeps_weights: bool,
         width: usize,
-        mut coarsen: impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)>,
+        coarsen: impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)>,
     ) -> Result<Self, PrepareError> {
         let not_definite = |row| PrepareError::NotPositiveDefinite { row };
-        let (stiff, mut matrix) = Stiff::factor(a, stiff, width).map_err(not_definite)?;
-        let (mut levels, mut all_cells) = (Vec::new(), Vec::<Cells>::new());
-        while matrix.n() > BOTTOM_ROWS {
-            let (interpolation, cells) =
-                coarsen(workers, matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
-            let level::Interpolation { p, r } = &interpolation;
-            let coarse = galerkin::product(workers, matrix.csr(), p, r);
+        let (stiff, matrix) = Stiff::factor(a, stiff, width).map_err(not_definite)?;
+        let (mut levels, mut all_cells) = (Vec::new(), Vec::new());
+        let bottom = refine(workers, matrix, coarsen, |workers, matrix, interpolation, cells| {
             levels.push(Level::new(workers, matrix.csr(), interpolation, width));
             all_cells.push(cells);
-            matrix = coarse;
-        }
-        let bottom = Bottom::new(matrix.csr(), width).map_err(|row| {
-            let sample = |row, cells: &Cells| cells.samples[row] as usize;
-            not_definite(all_cells.iter().rev().fold(row, sample))
-        })?;
+        });
+        let bottom =
+            Bottom::new(bottom.csr(), width).map_err(|row| not_definite(sampled_row(row, &all_cells)))?;
         Ok(Self { stiff, levels, bottom, cells: all_cells, keeps_weights, width })
     }
+}
+
+/// Row of the finest level that row `row` of the coarsest one is a sample of.
+pub(crate) fn sampled_row(row: usize, cells: &[Cells]) -> usize {
+    cells.iter().rev().fold(row, |row, cells| cells.samples[row] as usize)
+}
+
+/// How cells and interpolation are made, level after level.
+fn coarsening(
+    interpolation: Interpolation<'_>,
+) -> impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)> {
+    let mut points = match interpolation {
+        Interpolation::Smoothed => None,
+        Interpolation::Barycentric(points) => Some(points.to_vec()),
+    };
+    move |workers, a| {
+        let f = Filtered::new(a);
+        let cells = Cells::new(&f);
+        if cells.count() as f64 > WORTHWHILE * a.n() as f64 {
+            return None;
+        }
+        let p = match &points {
+            Some(points) => interpolate::barycentric(workers, a, &cells, points),
+            None => interpolate::smoothed(workers, &f, &cells),
+        };
+        points = points.take().map(|own| cells.samples.iter().map(|&s| own[s as usize]).collect());
+        Some((level::Interpolation::new(p, cells.count()), cells))
+    }
+}
+
+/// Makes coarser matrices until one is small enough for the bottom, which is returned; `level` takes the others, with the way
+/// from each to the next.
+fn refine(
+    workers: &mut Workers,
+    mut matrix: Rows<f64>,
+    mut coarsen: impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)>,
+    mut level: impl FnMut(&mut Workers, Rows<f64>, level::Interpolation, Cells),
+) -> Rows<f64> {
+    while matrix.n() > BOTTOM_ROWS {
+        let (interpolation, cells) =
+            coarsen(workers, matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
+        let level::Interpolation { p, r } = &interpolation;
+        let coarse = galerkin::product(workers, matrix.csr(), p, r);
+        level(workers, std::mem::replace(&mut matrix, coarse), interpolation, cells);
+    }
+    matrix
+}
+
+/// The levels of `a` without elimination, for cycles elsewhere: `level` takes each, the coarsest matrix is returned.
+#[cfg(feature = "vulkan")]
+pub(crate) fn levels(
+    workers: &mut Workers,
+    a: Csr<'_>,
+    interpolation: Interpolation<'_>,
+    mut level: impl FnMut(Rows<f64>, level::Interpolation, Cells),
+) -> Rows<f64> {
+    let matrix = Rows { starts: a.starts.to_vec(), columns: a.columns.to_vec(), values: a.values.to_vec() };
+    refine(workers, matrix, coarsening(interpolation), |_, matrix, kept, cells| level(matrix, kept, cells))
 }
 
 /// The last level of a matrix without couplings worth following: its cycle is one symmetric Gauss-Seidel step.

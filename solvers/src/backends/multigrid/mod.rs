@@ -16,13 +16,13 @@
 //! When to choose it: one or a few solves per matrix, values that change in every frame, or not enough memory for a
 //! factor. For many solves with one matrix a direct factor wins.
 
-mod bottom;
-mod cells;
+pub(crate) mod bottom;
+pub(crate) mod cells;
 mod filter;
 mod galerkin;
-mod hierarchy;
+pub(crate) mod hierarchy;
 mod interpolate;
-mod level;
+pub(crate) mod level;
 pub(crate) mod rows;
 mod stiff;
 #[cfg(test)]
