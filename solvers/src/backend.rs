@@ -149,6 +149,12 @@ pub trait Harmonic: Send {
         Err(EditError::Unsupported)
     }
 
+    /// As [`Factor::observe`].
+    fn observe(&mut self, observer: Option<Box<dyn FnMut(u32, f64) + Send>>) -> bool {
+        let _ = observer;
+        false
+    }
+
     /// What the handle holds and moves.
     fn footprint(&self) -> Footprint;
 }

@@ -345,6 +345,10 @@ impl Harmonic for ReducedHarmonic {
         }
     }
 
+    fn observe(&mut self, observer: Option<Box<dyn FnMut(u32, f64) + Send>>) -> bool {
+        self.factor.as_mut().is_some_and(|factor| factor.observe(observer))
+    }
+
     fn footprint(&self) -> Footprint {
         self.factor.as_ref().map(|f| f.footprint()).unwrap_or_default()
     }

@@ -107,6 +107,9 @@ const ITERATIVE: Entry =
 /// A direct f64 method on a Vulkan device.
 const DEVICE: Entry = Entry { family: Family::Gpu, ..DIRECT };
 
+/// An iterative method on a Vulkan device, f64 results.
+const DEVICE_ITERATIVE: Entry = Entry { family: Family::Gpu, ..ITERATIVE };
+
 /// Every built-in backend, also those whose feature is off (their `open` says so).
 pub const BACKENDS: &[Entry] = &[
     Entry {
@@ -163,6 +166,21 @@ pub const BACKENDS: &[Entry] = &[
         precision: Precision::F32,
         open: gated!("vulkan", backends::vulkan::direct::open_f32),
         ..DEVICE
+    },
+    Entry {
+        id: "vulkan-cg-jacobi",
+        open: gated!("vulkan", backends::vulkan::cg::open_jacobi),
+        ..DEVICE_ITERATIVE
+    },
+    Entry {
+        id: "vulkan-cg-fsai",
+        open: gated!("vulkan", backends::vulkan::cg::open_fsai),
+        ..DEVICE_ITERATIVE
+    },
+    Entry {
+        id: "vulkan-cg-multigrid",
+        open: gated!("vulkan", backends::vulkan::cg::open_multigrid),
+        ..DEVICE_ITERATIVE
     },
     Entry { id: "sprs-cg", open: gated!("sprs", backends::sprs_cg::open), ..ITERATIVE },
 ];

@@ -68,6 +68,11 @@ pub enum Request {
         /// Where the last solution goes: n x k, f64. `harmonic`: all vertices, absent ones 0.
         solution: PathBuf,
     },
+    /// Solve once from x = 0 and note every iteration: [`Iterated`]. Only iterative solvers are asked.
+    Iterate {
+        /// As for `solve`.
+        rhs: ArrayFile,
+    },
     /// Take new values on the same pattern and refactor, `times` times: [`Timed`].
     Update {
         /// One value per stored entry of the prepared matrix, f64.
@@ -222,6 +227,17 @@ pub struct Timed {
     /// Time on the device, per repetition, where it has a clock of its own.
     #[serde(default)]
     pub device_ns: Vec<u64>,
+}
+
+/// The course of one iterative solve: an entry per iteration noted, in order. A solve that misses the tolerance has one, too.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Iterated {
+    /// Number of the iteration.
+    pub iterations: Vec<u32>,
+    /// Time since the start of the solve, nanoseconds.
+    pub elapsed_ns: Vec<u64>,
+    /// Largest relative residual over the columns, as the solver has it.
+    pub residuals: Vec<f64>,
 }
 
 /// What a peer holds.

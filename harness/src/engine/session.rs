@@ -203,6 +203,7 @@ impl Request {
             Request::Describe { .. } => "describe",
             Request::Prepare { .. } => "prepare",
             Request::Solve { .. } => "solve",
+            Request::Iterate { .. } => "iterate",
             Request::Update { .. } => "update",
             Request::Frame { .. } => "frame",
             Request::OpenLoop { .. } => "open_loop",

@@ -100,8 +100,22 @@ pub struct Cell {
     pub contention: Contention,
     /// Iterations of a solve, the largest over the columns; null for direct backends.
     pub iterations: Option<u32>,
+    /// The course of one solve from x = 0; empty for direct backends, `transfer` and peers that do not tell.
+    pub convergence: Convergence,
     /// What the backend says about itself: versions, instruction sets, tuning.
     pub details: BTreeMap<String, String>,
+}
+
+/// Residual over iterations and time; three lists of the same length.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Convergence {
+    /// Number of the iteration; long courses keep every second (fourth, ...) one and the last.
+    pub iterations: Vec<u32>,
+    /// Time since the start of the solve.
+    pub elapsed_ns: Vec<u64>,
+    /// Largest relative residual over the columns, as the recurrence of the solver has it.
+    pub residuals: Vec<f64>,
 }
 
 /// The mesh (or matrix) of a cell.

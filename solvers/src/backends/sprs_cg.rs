@@ -7,6 +7,7 @@ use super::cg::handle::CgFactor;
 use super::cg::jacobi::Jacobi;
 use super::cg::krylov::Method;
 use super::cg::operator::{Csr, Operator};
+use super::cg::workers::Workers;
 use crate::backend::{Backend, Description, Factor, Phase, PrepareOptions};
 use crate::error::{PrepareError, Unavailable};
 use crate::isa::Real;
@@ -44,8 +45,16 @@ impl Backend for SprsCg {
             rows: (0..n as u32).collect(),
         };
         on(Phase::Numeric);
-        let jacobi = Box::new(Jacobi::new(matrix.csr()));
-        Ok(Box::new(CgFactor::new(matrix, jacobi, Method::Conjugate, self.tolerance, options.max_columns)))
+        let workers = Workers::new(1)?;
+        let jacobi = Box::new(Jacobi::new(&workers, matrix.csr()));
+        Ok(Box::new(CgFactor::new(
+            matrix,
+            jacobi,
+            workers,
+            Method::Conjugate,
+            self.tolerance,
+            options.max_columns,
+        )))
     }
 }
 
@@ -70,16 +79,17 @@ impl Operator for SprsMatrix {
         &self.rows
     }
 
-    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], mut sink: impl FnMut(usize, [f64; W])) {
-        for (i, row) in self.matrix.outer_iterator().enumerate() {
-            let mut sum = [0.0; W];
+    #[inline(always)]
+    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W] {
+        let mut sum = [0.0; W];
+        if let Some(row) = self.matrix.outer_view(i) {
             for (j, &a) in row.iter() {
                 for c in 0..W {
                     sum[c] += a * x[j][c].to_f64();
                 }
             }
-            sink(i, sum);
         }
+        sum
     }
 
     fn update(&mut self, stored: &[f64]) {

@@ -4,7 +4,7 @@ use crate::engine::rounds::Observer;
 use crate::environment::{self, Environment};
 use crate::file::FileError;
 use crate::record::file::write;
-use crate::record::result::{Cell, ResultFile, SCHEMA_VERSION};
+use crate::record::result::{Cell, Convergence, ResultFile, SCHEMA_VERSION};
 use anyhow::Context;
 use indicatif::ProgressBar;
 use std::fs::OpenOptions;
@@ -118,6 +118,11 @@ impl Observer for Recorder {
     }
 }
 
+/// A row without its samples and the course of its iterations.
+fn without_series(cell: &Cell) -> Cell {
+    Cell { samples_ns: Vec::new(), convergence: Convergence::default(), ..cell.clone() }
+}
+
 /// One line per cell, without samples, with time and commit.
 fn append(path: &Path, result: &ResultFile) -> anyhow::Result<()> {
     if let Some(folder) = path.parent() {
@@ -125,8 +130,7 @@ fn append(path: &Path, result: &ResultFile) -> anyhow::Result<()> {
     }
     let mut file = OpenOptions::new().create(true).append(true).open(path)?;
     for cell in &result.cells {
-        let line =
-            ResultFile { cells: vec![Cell { samples_ns: Vec::new(), ..cell.clone() }], ..result.clone() };
+        let line = ResultFile { cells: vec![without_series(cell)], ..result.clone() };
         writeln!(file, "{}", serde_json::to_string(&line)?)?;
     }
     Ok(())

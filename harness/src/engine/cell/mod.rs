@@ -123,6 +123,12 @@ impl<'a> Running<'a> {
     pub fn begin(&mut self) {
         self.cell.status = Status::Ok;
         let outcome = self.open().and_then(|()| self.prepare()).and_then(|()| self.first());
+        let task = self.task;
+        if let (Err(Failure { status: Status::NotConverged, .. }), Goal::Solve(solve)) =
+            (&outcome, &task.goal)
+        {
+            let _ = self.convergence(solve); // shows how far it came; the solve's own failure is the row's
+        }
         self.settle(outcome);
     }
 
@@ -174,6 +180,7 @@ impl<'a> Running<'a> {
                 Goal::Solve(solve) => self
                     .updates(solve)
                     .and_then(|()| self.memory())
+                    .and_then(|()| self.convergence(solve))
                     .and_then(|()| self.open_loops(&solve.input)),
                 Goal::Frames(frames) => self.last_frames(frames),
             };

@@ -3,11 +3,11 @@
 use super::Running;
 use super::process::read_block;
 use crate::engine::array_file::ArrayFile;
-use crate::engine::protocol::{Request, Timed};
+use crate::engine::protocol::{Iterated, Request, Timed};
 use crate::engine::session::Failure;
 use crate::engine::task::Solve;
 use crate::record::names::Status;
-use crate::record::result::Summary;
+use crate::record::result::{Convergence, Summary};
 use std::time::{Duration, Instant};
 
 impl Running<'_> {
@@ -80,6 +80,22 @@ impl Running<'_> {
         self.check_solution(solve)?;
         self.cell.update_ns = Summary::of(&samples);
         Ok(())
+    }
+
+    /// The course of the iterations of one more solve, where the solver tells.
+    pub(super) fn convergence(&mut self, solve: &Solve) -> Result<(), Failure> {
+        if !self.iterative {
+            return Ok(());
+        }
+        match self.ask::<Iterated>(Request::Iterate { rhs: solve.input.clone() }) {
+            Ok(Iterated { iterations, elapsed_ns, residuals }) => {
+                self.cell.convergence = Convergence { iterations, elapsed_ns, residuals };
+                Ok(())
+            }
+            // A peer may not know the request.
+            Err(failure) if matches!(failure.status, Status::Unsupported | Status::Error) => Ok(()),
+            Err(failure) => Err(failure),
+        }
     }
 
     /// Frames on a schedule, at every rate of the settings.

@@ -1,6 +1,7 @@
 //! The child's side: serves one backend over the peer protocol until stdin ends.
 
 mod clock;
+mod iterate;
 mod open_loop;
 mod prepared;
 
@@ -65,6 +66,7 @@ impl Server<'_> {
                 let counts = self.counts;
                 render(id, self.prepared().and_then(|p| p.solve(&rhs, warmup, times, &solution, counts)))
             }
+            Request::Iterate { rhs } => render(id, self.prepared().and_then(|p| p.iterate(&rhs))),
             Request::Update { values, times } => {
                 render(id, self.prepared().and_then(|p| p.update(&values, times)))
             }

@@ -19,17 +19,18 @@ use std::time::{Duration, Instant};
 
 /// A handle and the shape of its blocks.
 pub struct Prepared {
-    handle: Handle,
+    pub(super) handle: Handle,
     /// Rows of a right-hand side.
-    inputs: usize,
+    pub(super) inputs: usize,
     /// Rows of a solution.
-    outputs: usize,
+    pub(super) outputs: usize,
     /// Stored entries of the matrix, as many as an update has values.
     entries: usize,
     max_columns: usize,
 }
 
-enum Handle {
+/// What a backend prepared.
+pub(super) enum Handle {
     System(Box<dyn Factor>),
     Harmonic(Box<dyn Harmonic>),
     Transfer(Box<dyn TransferFrame>),
@@ -101,7 +102,7 @@ impl Prepared {
         Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
     }
 
-    fn rhs(&self, file: &ArrayFile) -> Result<Vec<f64>, Refusal> {
+    pub(super) fn rhs(&self, file: &ArrayFile) -> Result<Vec<f64>, Refusal> {
         if file.columns > self.max_columns {
             return Err(failed(format!("{} columns, prepared for {}", file.columns, self.max_columns)));
         }

@@ -12,6 +12,7 @@
 
 use super::operator::Csr;
 use super::preconditioner::{AnyPreconditioner, Budget, Preconditioner, Size};
+use super::workers::Workers;
 use crate::backends::multigrid::rows::Rows;
 use crate::error::PrepareError;
 use std::cmp::Reverse;
@@ -130,7 +131,7 @@ fn sample(star: &[(u32, f64)], total: f64, random: &mut Random, mut add: impl Fn
 
 impl<const W: usize> Preconditioner<f64, W> for ApproximateCholesky {
     /// Forwards, scaled, and backwards: 4 W flops and 24 bytes per entry of the factor.
-    fn apply(&mut self, r: &mut [[f64; W]], z: &mut [[f64; W]]) {
+    fn apply(&mut self, _: &mut Workers, r: &mut [[f64; W]], z: &mut [[f64; W]]) {
         z.copy_from_slice(r);
         for (at, &v) in self.order.iter().enumerate() {
             let (columns, values) = self.columns.row(at);
@@ -155,7 +156,7 @@ impl<const W: usize> Preconditioner<f64, W> for ApproximateCholesky {
 
 impl AnyPreconditioner<f64> for ApproximateCholesky {
     /// Which edges are sampled depends on the weights: all of it is done again.
-    fn update(&mut self, a: Csr<'_>) -> Result<(), PrepareError> {
+    fn update(&mut self, _: &mut Workers, a: Csr<'_>) -> Result<(), PrepareError> {
         *self = Self::new(a);
         Ok(())
     }

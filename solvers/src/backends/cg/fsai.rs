@@ -8,6 +8,7 @@
 
 use super::operator::Csr;
 use super::preconditioner::{AnyPreconditioner, Preconditioner, Size};
+use super::workers::{Strips, Workers};
 use crate::backends::multigrid::rows::Rows;
 use crate::error::PrepareError;
 
@@ -27,6 +28,7 @@ pub(crate) struct Fsai {
     g: Rows<f64>,
     transposed: Rows<f64>,
     work: Vec<f64>,
+    strips: Strips,
 }
 
 impl Fsai {
@@ -34,7 +36,12 @@ impl Fsai {
     ///
     /// # Errors
     /// The row whose small system is not positive definite: then A is not.
-    pub(crate) fn new(a: Csr<'_>, pattern: Pattern, width: usize) -> Result<Self, PrepareError> {
+    pub(crate) fn new(
+        workers: &Workers,
+        a: Csr<'_>,
+        pattern: Pattern,
+        width: usize,
+    ) -> Result<Self, PrepareError> {
         let n = a.n();
         let diagonal = a.diagonal();
         let mut g = Rows::with_capacity(n, 8 * n);
@@ -48,7 +55,15 @@ impl Fsai {
             g.end_row();
         }
         let transposed = g.transpose(n);
-        Ok(Self { pattern, g, transposed, work: vec![0.0; n * width] })
+        Ok(Self { pattern, g, transposed, work: vec![0.0; n * width], strips: workers.strips(n) })
+    }
+}
+
+#[cfg(feature = "vulkan")]
+impl Fsai {
+    /// G and G^T.
+    pub(crate) fn into_factors(self) -> (Rows<f64>, Rows<f64>) {
+        (self.g, self.transposed)
     }
 }
 
@@ -120,17 +135,17 @@ fn last_column<'a>(a: Csr<'_>, columns: &[u32], dense: &'a mut Vec<f64>) -> Opti
 
 impl<const W: usize> Preconditioner<f64, W> for Fsai {
     /// z = G^T (G r): 4 W flops and 24 bytes per entry of G.
-    fn apply(&mut self, r: &mut [[f64; W]], z: &mut [[f64; W]]) {
+    fn apply(&mut self, workers: &mut Workers, r: &mut [[f64; W]], z: &mut [[f64; W]]) {
         let work = &mut self.work.as_chunks_mut::<W>().0[..r.len()];
-        self.g.multiply(r, work, false);
-        self.transposed.multiply(work, z, false);
+        self.g.multiply(workers, &self.strips, r, work, false);
+        self.transposed.multiply(workers, &self.strips, work, z, false);
     }
 }
 
 impl AnyPreconditioner<f64> for Fsai {
     /// The pattern follows the couplings, so it is chosen anew with them.
-    fn update(&mut self, a: Csr<'_>) -> Result<(), PrepareError> {
-        *self = Self::new(a, self.pattern, self.work.len() / a.n())?;
+    fn update(&mut self, workers: &mut Workers, a: Csr<'_>) -> Result<(), PrepareError> {
+        *self = Self::new(workers, a, self.pattern, self.work.len() / a.n())?;
         Ok(())
     }
 

@@ -1,9 +1,11 @@
 //! The prepared handle of every backend of the family.
 
-use super::krylov::{self, Goal, Method, Stored, Vectors};
+use super::kernels::Sums;
+use super::krylov::{self, Force, Goal, Method, Stored, Vectors};
 use super::lanes::{Window, width};
 use super::operator::Operator;
 use super::preconditioner::{AnyPreconditioner, Preconditioner};
+use super::workers::{Strips, Workers};
 use crate::backend::{Factor, Footprint, Phase, Solved};
 use crate::columns::Columns;
 use crate::error::{PrepareError, SolveError};
@@ -12,6 +14,9 @@ use crate::error::{PrepareError, SolveError};
 pub(crate) struct CgFactor<A, S> {
     matrix: A,
     preconditioner: Box<dyn AnyPreconditioner<S>>,
+    workers: Workers,
+    strips: Strips,
+    sums: Vec<Sums>,
     method: Method,
     tolerance: f64,
     x: Vec<f64>,
@@ -24,14 +29,28 @@ impl<A: Operator, S: Stored> CgFactor<A, S> {
     pub(crate) fn new(
         matrix: A,
         preconditioner: Box<dyn AnyPreconditioner<S>>,
+        workers: Workers,
         method: Method,
         tolerance: f64,
         max_columns: usize,
     ) -> Self {
+        let strips = workers.strips(matrix.csr().n());
+        let sums = vec![Sums::default(); strips.count()];
         let length = matrix.csr().n() * width(max_columns);
         let workspace = std::array::from_fn(|_| vec![S::default(); length]);
         let x = vec![0.0; length];
-        Self { matrix, preconditioner, method, tolerance, x, workspace, observer: None }
+        Self {
+            matrix,
+            preconditioner,
+            workers,
+            strips,
+            sums,
+            method,
+            tolerance,
+            x,
+            workspace,
+            observer: None,
+        }
     }
 
     /// Columns `first ..` as far as W lanes go.
@@ -55,7 +74,8 @@ impl<A: Operator, S: Stored> CgFactor<A, S> {
                 observer(iteration, residual);
             }
         };
-        krylov::solve(&self.matrix, m, goal, window, rhs, x, vectors, observe)
+        let force = Force { workers: &mut self.workers, strips: &self.strips, sums: &mut self.sums };
+        krylov::solve(force, &self.matrix, m, goal, window, rhs, x, vectors, observe)
     }
 }
 
@@ -83,7 +103,7 @@ impl<A: Operator, S: Stored> Factor for CgFactor<A, S> {
         on(Phase::Numeric);
         self.matrix.update(values);
         self.preconditioner
-            .update(self.matrix.csr())
+            .update(&mut self.workers, self.matrix.csr())
             .map_err(|error| super::in_system(error, self.matrix.rows()))
     }
 

@@ -7,6 +7,7 @@
 
 use super::operator::Csr;
 use super::preconditioner::{AnyPreconditioner, Preconditioner, Size};
+use super::workers::Workers;
 use crate::backends::multigrid::rows::Rows;
 use crate::error::PrepareError;
 
@@ -78,7 +79,7 @@ fn sparse_dot(a: (&[u32], &[f64]), b: (&[u32], &[f64])) -> f64 {
 
 impl<const W: usize> Preconditioner<f64, W> for IncompleteCholesky {
     /// L y = r forwards, L^T z = y backwards: 4 W flops and 24 bytes per entry of L.
-    fn apply(&mut self, r: &mut [[f64; W]], z: &mut [[f64; W]]) {
+    fn apply(&mut self, _: &mut Workers, r: &mut [[f64; W]], z: &mut [[f64; W]]) {
         for i in 0..r.len() {
             let (columns, values) = self.lower.row(i);
             let mut sum = r[i];
@@ -101,7 +102,7 @@ impl<const W: usize> Preconditioner<f64, W> for IncompleteCholesky {
 }
 
 impl AnyPreconditioner<f64> for IncompleteCholesky {
-    fn update(&mut self, a: Csr<'_>) -> Result<(), PrepareError> {
+    fn update(&mut self, _: &mut Workers, a: Csr<'_>) -> Result<(), PrepareError> {
         *self = Self::new(a);
         Ok(())
     }

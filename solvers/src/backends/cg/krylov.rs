@@ -5,14 +5,17 @@
 //! and row of W lanes the core moves, besides A and M: q = A p (reads p, writes q), r (reads r and q, writes r), the dot
 //! products (read r, z, q), x and p (read x, p and z, write x and p): 11 rows of S and 2 of f64.
 //!
-//! The recurrence for r drifts away from b - A x, in f32 soon. So an iteration carries the residual down by the factor
-//! that its precision allows ([`Stored::TRUST`]); then the true residual is computed in f64 and, if it is too large, the
-//! iteration starts again from it (van der Vorst and Ye 2000). Success is claimed from the true residual only. The
-//! best iterate survives in the caller's x: when a residual rises after a minimum, the iterate before is written there.
+//! The recurrence for r drifts away from b - A x, in f32 soon. So whenever it has carried the residual of a lane down by the
+//! factor that its precision allows ([`Stored::TRUST`]), r is replaced by the true residual, computed in f64, while the
+//! search directions live on (van der Vorst and Ye 2000): what they know of A is not lost. Success is claimed from the
+//! true residual only; where it is too large then, the iteration starts again from it. The best iterate survives in the
+//! caller's x: when a residual rises after a minimum, the iterate before is written there.
 
+use super::kernels::{Advance, Dots, Follow, Load, Multiply, Residual, Step, Sums};
 use super::lanes::Window;
 use super::operator::Operator;
 use super::preconditioner::{Budget, Preconditioner};
+use super::workers::{Each, Strips, Workers};
 use crate::backend::Solved;
 use crate::columns::Columns;
 use crate::error::SolveError;
@@ -28,7 +31,7 @@ const PROGRESS: f64 = 0.9;
 
 /// Precision of the vectors of an iteration.
 pub(crate) trait Stored: Real {
-    /// Reduction of the residual over which its recurrence is believed.
+    /// Reduction of the residual over which its recurrence is believed; then the true residual takes its place.
     const TRUST: f64;
     /// Whether M^-1 is rounded so coarsely that it is unsymmetric to CG: one more dot product per iteration (the formula
     /// of Polak and Ribiere, see Golub and Ye 1999) then keeps it converging.
@@ -60,6 +63,16 @@ pub(crate) struct Vectors<'a, S, const W: usize> {
     pub(crate) q: &'a mut [[S; W]],
 }
 
+/// Who works on which rows.
+pub(crate) struct Force<'a> {
+    /// The threads.
+    pub(crate) workers: &'a mut Workers,
+    /// The rows of each.
+    pub(crate) strips: &'a Strips,
+    /// One item per strip.
+    pub(crate) sums: &'a mut [Sums],
+}
+
 /// What the preconditioner is used for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Method {
@@ -85,7 +98,7 @@ pub(crate) struct Goal {
 enum Lane {
     /// Iterating.
     Active,
-    /// As far down as this run of the recurrence shall go, or without a right-hand side.
+    /// At the tolerance as far as the recurrence knows, or without a right-hand side.
     Resting,
     /// p . A p <= 0 or a number overflowed: not positive definite, as far as rounding lets one see.
     Broken,
@@ -94,6 +107,7 @@ enum Lane {
 /// Solves A X = B for the columns of `window`; `x` holds the guess, then the solution or the best iterate.
 /// `observe` hears the iteration and the largest relative residual by recurrence.
 pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
+    force: Force<'_>,
     a: &A,
     m: &mut dyn Preconditioner<S, W>,
     goal: Goal,
@@ -103,7 +117,7 @@ pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
     vectors: Vectors<'_, S, W>,
     observe: &mut dyn FnMut(u32, f64),
 ) -> Result<Solved, SolveError> {
-    let mut run = Run::new(a, m, goal, window, b, x, vectors);
+    let mut run = Run::new(force, a, m, goal, window, b, x, vectors);
     run.guess();
     loop {
         let before = run.rr;
@@ -122,6 +136,7 @@ pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
 }
 
 struct Run<'a, A, S, const W: usize> {
+    force: Force<'a>,
     a: &'a A,
     m: &'a mut dyn Preconditioner<S, W>,
     goal: Goal,
@@ -143,6 +158,7 @@ struct Run<'a, A, S, const W: usize> {
 
 impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
     fn new(
+        force: Force<'a>,
         a: &'a A,
         m: &'a mut dyn Preconditioner<S, W>,
         goal: Goal,
@@ -154,6 +170,7 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         let lane = std::array::from_fn(|c| if window.is_used(c) { Lane::Active } else { Lane::Resting });
         let (bb, rr, best) = ([0.0; W], [0.0; W], [f64::INFINITY; W]);
         Self {
+            force,
             a,
             m,
             goal,
@@ -171,52 +188,46 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         }
     }
 
-    /// Row i of b in the numbering of the iteration, scaled.
-    fn b(&self, i: usize) -> [f64; W] {
-        self.window.read(self.b, self.a.rows()[i] as usize)
-    }
-
     /// Loads b and the guess; a guess worse than x = 0 is dropped. One product with A unless the guess is zero.
     fn guess(&mut self) {
-        let mut is_zero = true;
-        for i in 0..self.v.x.len() {
-            let b = self.b(i);
-            let x = self.window.read(self.out.view(), self.a.rows()[i] as usize);
-            is_zero &= x.iter().all(|&x| x == 0.0);
-            (self.v.r[i], self.v.x[i]) = (b.map(S::from_f64), x);
-            for c in 0..W {
-                self.bb[c] += b[c] * b[c];
-            }
-        }
-        self.rr = self.bb;
-        if is_zero {
+        let [bb, xx] = self.load();
+        (self.bb, self.rr) = (bb, bb);
+        if xx.iter().all(|&xx| xx == 0.0) {
             return;
         }
         let rr = self.true_residual();
         let keep: [bool; W] = std::array::from_fn(|c| rr[c] <= self.bb[c]); // false for NaN as well
-        for i in 0..self.v.x.len() {
-            let b = self.b(i);
-            for c in (0..W).filter(|&c| !keep[c]) {
-                (self.v.x[i][c], self.v.r[i][c]) = (0.0, S::from_f64(b[c]));
+        if keep.contains(&false) {
+            for (i, &row) in self.a.rows().iter().enumerate() {
+                let b = self.window.read(self.b, row as usize);
+                for c in (0..W).filter(|&c| !keep[c]) {
+                    (self.v.x[i][c], self.v.r[i][c]) = (0.0, S::from_f64(b[c]));
+                }
             }
         }
         self.rr = std::array::from_fn(|c| if keep[c] { rr[c] } else { self.bb[c] });
         self.lane = std::array::from_fn(|c| if self.reached(c, 1.0) { Lane::Resting } else { Lane::Active });
     }
 
+    /// r = b, x = the guess; returns ||b||^2 and a sum that is 0 for lanes without a guess.
+    fn load(&mut self) -> [[f64; W]; 2] {
+        let Force { workers, strips, sums } = &mut self.force;
+        let (isa, window, b, guess, all) =
+            (workers.isa, &self.window, self.b, self.out.view(), self.a.rows());
+        workers.run(strips, (&mut *self.v.r, &mut *self.v.x, Each(sums)), |_, rows, (r, x, sum)| {
+            sum.set(isa.run(Load { window, b, guess, names: &all[rows], r, x }));
+        });
+        Sums::total(&sums[..strips.count()])
+    }
+
     /// r = b - A x in f64, rounded once; returns ||r||^2.
     fn true_residual(&mut self) -> [f64; W] {
-        let mut rr = [0.0; W];
-        let (window, b, rows, r) = (&self.window, self.b, self.a.rows(), &mut *self.v.r);
-        self.a.product(self.v.x, |i, ax| {
-            let b = window.read(b, rows[i] as usize);
-            for c in 0..W {
-                let residual = b[c] - ax[c];
-                r[i][c] = S::from_f64(residual);
-                rr[c] += residual * residual;
-            }
+        let Force { workers, strips, sums } = &mut self.force;
+        let (isa, a, window, b, x) = (workers.isa, self.a, &self.window, self.b, &*self.v.x);
+        workers.run(strips, (&mut *self.v.r, Each(sums)), |_, rows, (r, sum)| {
+            sum.set(isa.run(Residual { a, rows, window, b, x, r }));
         });
-        rr
+        Sums::total(&sums[..strips.count()])[0]
     }
 
     fn reached(&self, c: usize, slack: f64) -> bool {
@@ -233,50 +244,107 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         self.lane.contains(&Lane::Active)
     }
 
-    /// CG from the current x and r, as far as the recurrence is trusted or the budget lasts.
+    /// CG from the current x and r to the tolerance, or as far as the budget lasts.
     fn iterate(&mut self, observe: &mut dyn FnMut(u32, f64)) {
         if !self.any_active() {
             return;
         }
-        let enough = self.rr.map(|rr| S::TRUST * S::TRUST * rr);
-        self.m.apply(self.v.r, self.v.z);
+        let mut trusted = self.rr;
+        self.m.apply(self.force.workers, self.v.r, self.v.z);
         self.v.p.copy_from_slice(self.v.z);
-        let (mut rz, _) = dots(self.v.r, self.v.q, self.v.z);
+        let [mut rz, _] = self.dots();
         while self.any_active() && !self.exhausted() {
             let pq = self.multiply();
-            let alpha = self.step_lengths(&rz, &pq);
-            self.rr = step(&alpha, self.v.q, self.v.r);
+            let mut alpha = self.step_lengths(&rz, &pq);
+            self.rr = self.step(&alpha);
             self.iterations += 1;
             self.keep_best();
             observe(self.iterations, self.worst());
-            self.rest(&enough);
-            if self.any_active() {
-                self.m.apply(self.v.r, self.v.z);
+            self.rest();
+            let drifted = self.drifted(&trusted);
+            let replaced = drifted.contains(&true);
+            if replaced {
+                self.follow(&std::mem::replace(&mut alpha, [0.0; W]));
+                self.replace_residual(&drifted, &mut trusted);
             }
-            let (new, qz) = dots(self.v.r, self.v.q, self.v.z);
-            // Flexible: z . (r - r_old) / rz, with r - r_old = -alpha q and alpha = rz / pq.
+            if self.any_active() {
+                self.m.apply(self.force.workers, self.v.r, self.v.z);
+            }
+            let [new, qz] = self.dots();
             let ratio = |c: usize| match self.goal.method {
                 Method::Stationary => 0.0,
-                Method::Conjugate if S::FLEXIBLE => -qz[c] / pq[c],
+                // Flexible: z . (r - r_old) / rz, with r - r_old = -alpha q and alpha = rz / pq. A replaced r is not that.
+                Method::Conjugate if S::FLEXIBLE && !replaced => -qz[c] / pq[c],
                 Method::Conjugate => new[c] / rz[c],
             };
             let beta = std::array::from_fn(|c| if self.lane[c] == Lane::Active { ratio(c) } else { 0.0 });
-            advance(&alpha, &beta, self.v.z, self.v.p, self.v.x);
+            self.advance(&alpha, &beta);
             rz = new;
         }
     }
 
+    /// Active lanes whose recurrence has gone as far as it is trusted.
+    fn drifted(&self, trusted: &[f64; W]) -> [bool; W] {
+        let enough = |c: usize| self.rr[c] <= S::TRUST * S::TRUST * trusted[c];
+        std::array::from_fn(|c| self.lane[c] == Lane::Active && enough(c))
+    }
+
+    /// Puts the true residual in the place of r. Drifted lanes break where it is not much smaller than the last time: then
+    /// rounding is all that is left.
+    fn replace_residual(&mut self, drifted: &[bool; W], trusted: &mut [f64; W]) {
+        self.rr = self.true_residual();
+        for c in (0..W).filter(|&c| drifted[c]) {
+            if !(self.rr[c] <= RESTART_GAIN * RESTART_GAIN * trusted[c]) {
+                self.lane[c] = Lane::Broken;
+            }
+        }
+        *trusted = self.rr;
+    }
+
     /// q = A p; returns p . q.
     fn multiply(&mut self) -> [f64; W] {
-        let (p, q) = (&*self.v.p, &mut *self.v.q);
-        let mut pq = [0.0; W];
-        self.a.product(p, |i, row| {
-            q[i] = row.map(S::from_f64);
-            for c in 0..W {
-                pq[c] += p[i][c].to_f64() * row[c];
-            }
+        let Force { workers, strips, sums } = &mut self.force;
+        let (isa, a, p) = (workers.isa, self.a, &*self.v.p);
+        workers.run(strips, (&mut *self.v.q, Each(sums)), |_, rows, (q, sum)| {
+            sum.set(isa.run(Multiply { a, rows, p, q }));
         });
-        pq
+        Sums::total(&sums[..strips.count()])[0]
+    }
+
+    /// r -= alpha q; returns ||r||^2.
+    fn step(&mut self, alpha: &[f64; W]) -> [f64; W] {
+        let Force { workers, strips, sums } = &mut self.force;
+        let (isa, q) = (workers.isa, &*self.v.q);
+        workers.run(strips, (&mut *self.v.r, Each(sums)), |_, rows, (r, sum)| {
+            sum.set(isa.run(Step { alpha, q: &q[rows], r }));
+        });
+        Sums::total(&sums[..strips.count()])[0]
+    }
+
+    /// r . z and q . z.
+    fn dots(&mut self) -> [[f64; W]; 2] {
+        let Force { workers, strips, sums } = &mut self.force;
+        let (isa, r, q, z) = (workers.isa, &*self.v.r, &*self.v.q, &*self.v.z);
+        workers.run(strips, Each(sums), |_, rows, sum| {
+            sum.set(isa.run(Dots { r: &r[rows.clone()], q: &q[rows.clone()], z: &z[rows] }));
+        });
+        Sums::total(&sums[..strips.count()])
+    }
+
+    /// x += alpha p.
+    fn follow(&mut self, alpha: &[f64; W]) {
+        let Force { workers, strips, .. } = &mut self.force;
+        let (isa, p) = (workers.isa, &*self.v.p);
+        workers.run(strips, &mut *self.v.x, |_, rows, x| isa.run(Follow { alpha, p: &p[rows], x }));
+    }
+
+    /// x += alpha p, then p = z + beta p.
+    fn advance(&mut self, alpha: &[f64; W], beta: &[f64; W]) {
+        let Force { workers, strips, .. } = &mut self.force;
+        let (isa, z) = (workers.isa, &*self.v.z);
+        workers.run(strips, (&mut *self.v.p, &mut *self.v.x), |_, rows, (p, x)| {
+            isa.run(Advance { alpha, beta, z: &z[rows], p, x });
+        });
     }
 
     /// alpha = r.z / p.Ap (1 where stationary), 0 for lanes at rest. Lanes where A or M turns out not to be positive definite break here.
@@ -314,12 +382,12 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
     }
 
     /// Lanes that have come far enough rest.
-    fn rest(&mut self, enough: &[f64; W]) {
+    fn rest(&mut self) {
         for c in 0..W {
             if self.lane[c] != Lane::Active {
                 continue;
             }
-            if self.reached(c, 1.0) || self.rr[c] <= enough[c] {
+            if self.reached(c, 1.0) {
                 self.lane[c] = Lane::Resting;
             } else if !self.rr[c].is_finite() {
                 self.lane[c] = Lane::Broken;
@@ -356,46 +424,4 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
             Err(SolveError::NotConverged { iterations, residual })
         }
     }
-}
-
-/// r -= alpha q; returns ||r||^2.
-fn step<S: Real, const W: usize>(alpha: &[f64; W], q: &[[S; W]], r: &mut [[S; W]]) -> [f64; W] {
-    let mut rr = [0.0; W];
-    for (r, q) in r.iter_mut().zip(q) {
-        for c in 0..W {
-            let value = r[c].to_f64() - alpha[c] * q[c].to_f64();
-            r[c] = S::from_f64(value);
-            rr[c] += value * value;
-        }
-    }
-    rr
-}
-
-/// x += alpha p, then p = z + beta p.
-fn advance<S: Real, const W: usize>(
-    alpha: &[f64; W],
-    beta: &[f64; W],
-    z: &[[S; W]],
-    p: &mut [[S; W]],
-    x: &mut [[f64; W]],
-) {
-    for ((p, z), x) in p.iter_mut().zip(z).zip(x) {
-        for c in 0..W {
-            let old = p[c].to_f64();
-            x[c] += alpha[c] * old;
-            p[c] = S::from_f64(z[c].to_f64() + beta[c] * old);
-        }
-    }
-}
-
-/// r . z and q . z for every lane.
-fn dots<S: Real, const W: usize>(r: &[[S; W]], q: &[[S; W]], z: &[[S; W]]) -> ([f64; W], [f64; W]) {
-    let (mut rz, mut qz) = ([0.0; W], [0.0; W]);
-    for ((r, q), z) in r.iter().zip(q).zip(z) {
-        for c in 0..W {
-            rz[c] += r[c].to_f64() * z[c].to_f64();
-            qz[c] += q[c].to_f64() * z[c].to_f64();
-        }
-    }
-    (rz, qz)
 }

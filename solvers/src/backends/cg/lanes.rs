@@ -39,7 +39,7 @@ impl<const W: usize> Window<W> {
     }
 
     /// Row `i` of the window, scaled.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn read(&self, block: Columns<&[f64]>, i: usize) -> [f64; W] {
         let row = &block.row(i)[self.first..self.first + self.count];
         let mut lanes = [0.0; W];

@@ -19,10 +19,11 @@
 
 mod approxchol;
 mod chebyshev;
-mod fsai;
+pub(crate) mod fsai;
 pub(crate) mod handle;
 mod ic0;
 pub(crate) mod jacobi;
+pub(crate) mod kernels;
 pub(crate) mod krylov;
 pub(crate) mod lanes;
 pub(crate) mod operator;
@@ -32,6 +33,7 @@ pub(crate) mod preconditioner;
 pub(crate) mod test_systems;
 #[cfg(test)]
 mod tests;
+pub(crate) mod workers;
 
 use crate::backend::{Backend, Description, Factor, Phase, PrepareOptions};
 use crate::error::{PrepareError, Unavailable};
@@ -42,42 +44,52 @@ use handle::CgFactor;
 use krylov::{Method, Stored};
 use operator::{Csr, FullCsr, Operator};
 use preconditioner::AnyPreconditioner;
+use workers::Workers;
 
 /// Builds a preconditioner from the matrix and, where the system has them, one point per row of it.
-type Build<S> =
-    fn(Csr<'_>, Option<&[Vector]>, width: usize) -> Result<Box<dyn AnyPreconditioner<S>>, PrepareError>;
+type Build<S> = fn(
+    &mut Workers,
+    Csr<'_>,
+    Option<&[Vector]>,
+    width: usize,
+) -> Result<Box<dyn AnyPreconditioner<S>>, PrepareError>;
 
 /// A method with a preconditioner in precision S.
 struct Iterative<S> {
     method: Method,
     tolerance: f64,
+    threads: usize,
     build: Build<S>,
 }
 
 /// Opens `cg-jacobi`.
 pub fn open_jacobi(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    open(options, Method::Conjugate, |a, _, _| Ok(Box::new(jacobi::Jacobi::new(a))))
+    open(options, Method::Conjugate, |workers, a, _, _| Ok(Box::new(jacobi::Jacobi::new(workers, a))))
 }
 
 /// Opens `cg-ic0`.
 pub fn open_ic0(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    open(options, Method::Conjugate, |a, _, _| Ok(Box::new(ic0::IncompleteCholesky::new(a))))
+    open(options, Method::Conjugate, |_, a, _, _| Ok(Box::new(ic0::IncompleteCholesky::new(a))))
 }
 
 /// Opens `cg-fsai`.
 pub fn open_fsai(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
     const PATTERN: fsai::Pattern = fsai::Pattern::Width(8);
-    open(options, Method::Conjugate, |a, _, width| Ok(Box::new(fsai::Fsai::new(a, PATTERN, width)?)))
+    open(options, Method::Conjugate, |workers, a, _, width| {
+        Ok(Box::new(fsai::Fsai::new(workers, a, PATTERN, width)?))
+    })
 }
 
 /// Opens `cg-chebyshev`.
 pub fn open_chebyshev(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    open(options, Method::Conjugate, |a, _, width| Ok(Box::new(chebyshev::Chebyshev::new(a, width))))
+    open(options, Method::Conjugate, |workers, a, _, width| {
+        Ok(Box::new(chebyshev::Chebyshev::new(workers, a, width)))
+    })
 }
 
 /// Opens `cg-approxchol`.
 pub fn open_approxchol(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    open(options, Method::Conjugate, |a, _, _| Ok(Box::new(approxchol::ApproximateCholesky::new(a))))
+    open(options, Method::Conjugate, |_, a, _, _| Ok(Box::new(approxchol::ApproximateCholesky::new(a))))
 }
 
 /// Opens a backend of the family.
@@ -86,12 +98,12 @@ pub(crate) fn open<S: Stored>(
     method: Method,
     build: Build<S>,
 ) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(Iterative { method, tolerance: options.tolerance, build }))
+    Ok(Box::new(Iterative { method, tolerance: options.tolerance, threads: options.threads, build }))
 }
 
 impl<S: Stored> Backend for Iterative<S> {
     fn describe(&self) -> Description {
-        Description::cpu(1)
+        Description::cpu(self.threads)
     }
 
     fn prepare(
@@ -101,13 +113,16 @@ impl<S: Stored> Backend for Iterative<S> {
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Factor>, PrepareError> {
         on(Phase::Order);
-        let matrix = FullCsr::new(system.matrix());
+        let mut workers = Workers::new(self.threads)?;
+        let matrix = FullCsr::new(&mut workers, system.matrix());
         let row = |&row: &u32| system.positions().map(|points| points[row as usize]);
         let points: Option<Vec<Vector>> = matrix.rows().iter().map(row).collect();
         on(Phase::Numeric);
-        let preconditioner = (self.build)(matrix.csr(), points.as_deref(), lanes::width(options.max_columns))
-            .map_err(|error| in_system(error, matrix.rows()))?;
-        Ok(Box::new(CgFactor::new(matrix, preconditioner, self.method, self.tolerance, options.max_columns)))
+        let preconditioner =
+            (self.build)(&mut workers, matrix.csr(), points.as_deref(), lanes::width(options.max_columns))
+                .map_err(|error| in_system(error, matrix.rows()))?;
+        let (method, tolerance) = (self.method, self.tolerance);
+        Ok(Box::new(CgFactor::new(matrix, preconditioner, workers, method, tolerance, options.max_columns)))
     }
 }
 

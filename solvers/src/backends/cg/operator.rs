@@ -1,19 +1,20 @@
 //! Sparse matrices by full rows, and their product with rows of W lanes.
 
 use super::order;
+use super::workers::{Strips, Workers};
 use crate::isa::Real;
 use crate::sparse::SymmetricCsr;
 
 /// What the Krylov core needs of a matrix.
-pub(crate) trait Operator: Send {
+pub(crate) trait Operator: Send + Sync {
     /// The stored arrays, in the numbering of the iteration.
     fn csr(&self) -> Csr<'_>;
 
     /// Row of the system behind each row of the iteration.
     fn rows(&self) -> &[u32];
 
-    /// Computes A x and hands row i to `sink(i, (A x)_i)`, rows in ascending order, sums in f64.
-    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], sink: impl FnMut(usize, [f64; W]));
+    /// (A x)_i, sums in f64.
+    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W];
 
     /// Takes new values in the order of the prepared system's stored (upper) entries.
     fn update(&mut self, stored: &[f64]);
@@ -40,7 +41,7 @@ impl<'a> Csr<'a> {
     }
 
     /// Columns and values of row `i`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn row(&self, i: usize) -> (&'a [u32], &'a [f64]) {
         let range = self.starts[i] as usize..self.starts[i + 1] as usize;
         (&self.columns[range.clone()], &self.values[range])
@@ -68,26 +69,38 @@ pub(crate) struct FullCsr {
 
 impl FullCsr {
     /// Mirrors the stored triangle of `matrix`, rows in breadth-first order.
-    pub(crate) fn new(matrix: &SymmetricCsr) -> Self {
+    pub(crate) fn new(workers: &mut Workers, matrix: &SymmetricCsr) -> Self {
         let pattern = matrix.full_pattern();
         let rows = order::breadth_first(&pattern.starts, &pattern.columns);
         let mut position = vec![0; rows.len()];
         rows.iter().enumerate().for_each(|(new, &old)| position[old as usize] = new as u32);
         let entries = pattern.columns.len();
-        let (mut starts, mut columns, mut source) = (vec![0], vec![0; entries], vec![0; entries]);
-        let mut row: Vec<(u32, u32)> = Vec::new();
-        let mut at = 0;
-        for &old in &rows {
-            let range = pattern.starts[old as usize] as usize..pattern.starts[old as usize + 1] as usize;
-            row.clear();
-            row.extend(range.map(|e| (position[pattern.columns[e] as usize], pattern.source[e])));
-            row.sort_unstable();
-            for &(column, entry) in &row {
-                (columns[at], source[at]) = (column, entry);
-                at += 1;
+        let of = |old: u32| pattern.starts[old as usize] as usize..pattern.starts[old as usize + 1] as usize;
+        let mut starts = Vec::with_capacity(rows.len() + 1);
+        starts.push(0);
+        let mut end = 0;
+        starts.extend(rows.iter().map(|&old| {
+            end += of(old).len() as u32;
+            end
+        }));
+        let (mut columns, mut source) = (vec![0; entries], vec![0; entries]);
+        let strips = workers.strips(rows.len());
+        let bounds =
+            (0..=strips.count()).map(|t| if t == 0 { 0 } else { starts[strips.range(t - 1).end] as usize });
+        let of_entries = Strips::new(bounds.collect());
+        workers.run(&of_entries, (&mut columns[..], &mut source[..]), |t, _, (columns, source)| {
+            let mut row: Vec<(u32, u32)> = Vec::new();
+            let mut at = 0;
+            for &old in &rows[strips.range(t)] {
+                row.clear();
+                row.extend(of(old).map(|e| (position[pattern.columns[e] as usize], pattern.source[e])));
+                row.sort_unstable();
+                for &(column, entry) in &row {
+                    (columns[at], source[at]) = (column, entry);
+                    at += 1;
+                }
             }
-            starts.push(at as u32);
-        }
+        });
         let mut full = Self { values: vec![0.0; entries], starts, columns, source, rows };
         full.update(matrix.values());
         full
@@ -104,20 +117,17 @@ impl Operator for FullCsr {
     }
 
     /// 2 W flops and 12 bytes of matrix per entry; x is gathered.
-    #[inline]
-    fn product<S: Real, const W: usize>(&self, x: &[[S; W]], mut sink: impl FnMut(usize, [f64; W])) {
-        let a = self.csr();
-        for i in 0..a.n() {
-            let (columns, values) = a.row(i);
-            let mut sum = [0.0; W];
-            for (&j, &a) in columns.iter().zip(values) {
-                let x = &x[j as usize];
-                for c in 0..W {
-                    sum[c] += a * x[c].to_f64();
-                }
+    #[inline(always)]
+    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W] {
+        let (columns, values) = self.csr().row(i);
+        let mut sum = [0.0; W];
+        for (&j, &a) in columns.iter().zip(values) {
+            let x = &x[j as usize];
+            for c in 0..W {
+                sum[c] += a * x[c].to_f64();
             }
-            sink(i, sum);
         }
+        sum
     }
 
     fn update(&mut self, stored: &[f64]) {

@@ -1,12 +1,13 @@
 //! What a preconditioner is to the Krylov core.
 
 use super::operator::Csr;
+use super::workers::Workers;
 use crate::error::PrepareError;
 
 /// z = M^-1 r for rows of W lanes, M symmetric positive definite and the same in every call.
 pub(crate) trait Preconditioner<S, const W: usize>: Send {
     /// Reads `r`, writes all of `z`. `r` may serve as workspace, but comes back as it was. No allocation.
-    fn apply(&mut self, r: &mut [[S; W]], z: &mut [[S; W]]);
+    fn apply(&mut self, workers: &mut Workers, r: &mut [[S; W]], z: &mut [[S; W]]);
 }
 
 /// A preconditioner for every lane width, with its facts. S is what it, and the vectors of the iteration, are stored in.
@@ -14,7 +15,7 @@ pub(crate) trait AnyPreconditioner<S>:
     Preconditioner<S, 1> + Preconditioner<S, 4> + Preconditioner<S, 8>
 {
     /// Takes new values on the same pattern; keeps what depends on the pattern only.
-    fn update(&mut self, matrix: Csr<'_>) -> Result<(), PrepareError>;
+    fn update(&mut self, workers: &mut Workers, matrix: Csr<'_>) -> Result<(), PrepareError>;
 
     /// When to give up.
     fn budget(&self) -> Budget {

@@ -2,6 +2,7 @@
 
 use super::operator::{Csr, FullCsr, Operator};
 use super::preconditioner::Preconditioner;
+use super::workers::Workers;
 use crate::dirichlet::Dirichlet;
 use crate::isa::Real;
 use crate::laplacian::{Laplacian, Weights};
@@ -70,15 +71,27 @@ pub(crate) fn wave(n: usize, k: usize) -> Vec<f64> {
 pub(crate) fn assert_spd<S: Real, P: Preconditioner<S, 4>>(
     system: &System,
     rounding: f64,
-    build: impl Fn(Csr<'_>) -> P,
+    build: impl Fn(&mut Workers, Csr<'_>) -> P,
 ) {
-    let matrix = FullCsr::new(system.matrix());
-    let mut m = build(matrix.csr());
+    for threads in [1, 3] {
+        spd_with(system, rounding, threads, &build);
+    }
+}
+
+fn spd_with<S: Real, P: Preconditioner<S, 4>>(
+    system: &System,
+    rounding: f64,
+    threads: usize,
+    build: &impl Fn(&mut Workers, Csr<'_>) -> P,
+) {
+    let mut workers = Workers::new(threads).expect("threads");
+    let matrix = FullCsr::new(&mut Workers::one(), system.matrix());
+    let mut m = build(&mut workers, matrix.csr());
     let n = system.n();
     let mut r: Vec<[S; 4]> =
         wave(n, 4).chunks(4).map(|row| std::array::from_fn(|c| S::from_f64(row[c]))).collect();
     let (before, mut z) = (r.clone(), vec![[S::default(); 4]; n]);
-    m.apply(&mut r, &mut z);
+    m.apply(&mut workers, &mut r, &mut z);
     assert!(r == before, "r has changed");
     let inner = |c: usize, d: usize| -> f64 { (0..n).map(|i| r[i][c].to_f64() * z[i][d].to_f64()).sum() };
     for c in 0..4 {

@@ -7,6 +7,7 @@ use super::ic0::IncompleteCholesky;
 use super::jacobi::Jacobi;
 use super::operator::{FullCsr, Operator};
 use super::test_systems::{assert_spd, dirichlet, slivers, sphere, wave};
+use super::workers::Workers;
 use crate::backend::{Factor, PrepareOptions};
 use crate::columns::Columns;
 use crate::conformance;
@@ -134,13 +135,13 @@ fn a_right_hand_side_that_is_not_finite_is_named() {
 fn preconditioners_are_spd() {
     for mesh in [sphere(12, 1.0), sphere(12, 20.0), slivers(12, 1e-3)] {
         let system = dirichlet(&mesh, 40);
-        assert_spd(&system, 1e-12, Jacobi::new);
-        assert_spd(&system, 1e-12, IncompleteCholesky::new);
+        assert_spd(&system, 1e-12, |workers, a| Jacobi::new(workers, a));
+        assert_spd(&system, 1e-12, |_, a| IncompleteCholesky::new(a));
         for pattern in [Pattern::LowerTriangle, Pattern::Width(8)] {
-            assert_spd(&system, 1e-12, |a| Fsai::new(a, pattern, 4).expect("definite"));
+            assert_spd(&system, 1e-12, |workers, a| Fsai::new(workers, a, pattern, 4).expect("definite"));
         }
-        assert_spd(&system, 1e-5, |a| Chebyshev::new(a, 4));
-        assert_spd(&system, 1e-12, ApproximateCholesky::new);
+        assert_spd(&system, 1e-5, |workers, a| Chebyshev::new(workers, a, 4));
+        assert_spd(&system, 1e-12, |_, a| ApproximateCholesky::new(a));
     }
 }
 
@@ -169,7 +170,7 @@ fn preconditioners_are_worth_their_cost() {
 #[test]
 fn ic0_survives_positive_off_diagonals() {
     let system = dirichlet(&slivers(20, 1e-4), 100);
-    let matrix = FullCsr::new(system.matrix());
+    let matrix = FullCsr::new(&mut Workers::one(), system.matrix());
     assert!(IncompleteCholesky::factor(matrix.csr(), &matrix.csr().diagonal(), 0.0).is_none());
     let n = system.n();
     let (b, mut x) = (wave(n, 1), vec![0.0; n]);

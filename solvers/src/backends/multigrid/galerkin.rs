@@ -2,15 +2,21 @@
 
 use super::rows::Rows;
 use crate::backends::cg::operator::Csr;
+use crate::backends::cg::workers::Workers;
+use std::ops::Range;
 
 /// P^T A P by rows, columns ascending; `r` is P^T. About 45 multiplications per fine row of a mesh.
-pub(crate) fn product(a: Csr<'_>, p: &Rows<f32>, r: &Rows<f32>) -> Rows<f64> {
+pub(crate) fn product(workers: &mut Workers, a: Csr<'_>, p: &Rows<f32>, r: &Rows<f32>) -> Rows<f64> {
+    workers.rows(r.n(), |rows| strip(a, p, r, rows))
+}
+
+/// Rows `rows` of P^T A P.
+fn strip(a: Csr<'_>, p: &Rows<f32>, r: &Rows<f32>, rows: Range<usize>) -> Rows<f64> {
     const FREE: u32 = u32::MAX;
-    let coarse = r.n();
-    let mut slot = vec![FREE; coarse];
-    let mut c = Rows::with_capacity(coarse, 16 * coarse);
+    let mut slot = vec![FREE; r.n()];
+    let mut c = Rows::with_capacity(rows.len(), 16 * rows.len());
     let mut row: Vec<(u32, f64)> = Vec::new();
-    for big in 0..coarse {
+    for big in rows {
         let (fine, weights) = r.row(big);
         for (&i, &w) in fine.iter().zip(weights) {
             let (columns, values) = a.row(i as usize);

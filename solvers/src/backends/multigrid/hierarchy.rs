@@ -5,11 +5,12 @@ use super::cells::Cells;
 use super::filter::Filtered;
 use super::galerkin;
 use super::interpolate;
-use super::level::Level;
+use super::level::{self, Level};
 use super::rows::Rows;
 use super::stiff::{self, Stiff};
 use crate::backends::cg::operator::Csr;
 use crate::backends::cg::preconditioner::{AnyPreconditioner, Budget, Preconditioner, Size};
+use crate::backends::cg::workers::Workers;
 use crate::error::PrepareError;
 use crate::vector::Vector;
 
@@ -44,106 +45,149 @@ impl Hierarchy {
     /// # Errors
     /// `NotPositiveDefinite` with the row where elimination breaks down, or the sample of the coarse row where it does.
     pub(crate) fn new(
+        workers: &mut Workers,
         a: Csr<'_>,
         interpolation: Interpolation<'_>,
         width: usize,
     ) -> Result<Self, PrepareError> {
-        let order = stiff::choose(a);
-        let mut points = match interpolation {
-            Interpolation::Smoothed => None,
-            Interpolation::Barycentric(points) => Some(points.to_vec()),
-        };
-        let keeps_weights = points.is_some();
-        let coarsen = |_, a: Csr<'_>| {
-            let f = Filtered::new(a);
-            let cells = Cells::new(&f);
-            if cells.count() as f64 > WORTHWHILE * a.n() as f64 {
-                return None;
-            }
-            let p = match &points {
-                Some(points) => interpolate::barycentric(a, &cells, points),
-                None => interpolate::smoothed(&f, &cells),
-            };
-            points = points.take().map(|own| cells.samples.iter().map(|&s| own[s as usize]).collect());
-            Some((p, cells))
-        };
-        Self::build(a, order, keeps_weights, width, coarsen)
+        let order = stiff::choose(workers, a);
+        let keeps_weights = interpolation != Interpolation::Smoothed;
+        Self::build(workers, a, order, keeps_weights, width, coarsening(interpolation))
     }
 
-    /// Builds levels for as long as `coarsen` (given the number of the level and its matrix) makes cells.
+    /// Builds levels for as long as `coarsen` (given the matrix of a level) makes cells.
     fn build(
+        workers: &mut Workers,
         a: Csr<'_>,
         stiff: Vec<u32>,
         keeps_weights: bool,
         width: usize,
-        mut coarsen: impl FnMut(usize, Csr<'_>) -> Option<(Rows<f32>, Cells)>,
+        coarsen: impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)>,
     ) -> Result<Self, PrepareError> {
         let not_definite = |row| PrepareError::NotPositiveDefinite { row };
-        let (stiff, mut matrix) = Stiff::factor(a, stiff, width).map_err(not_definite)?;
-        let (mut levels, mut all_cells) = (Vec::new(), Vec::<Cells>::new());
-        while matrix.n() > BOTTOM_ROWS {
-            let (p, cells) =
-                coarsen(levels.len(), matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
-            let r = p.transpose(cells.count());
-            let coarse = galerkin::product(matrix.csr(), &p, &r);
-            levels.push(Level::new(matrix.csr(), p, r, width));
+        let (stiff, matrix) = Stiff::factor(a, stiff, width).map_err(not_definite)?;
+        let (mut levels, mut all_cells) = (Vec::new(), Vec::new());
+        let bottom = refine(workers, matrix, coarsen, |workers, matrix, interpolation, cells| {
+            levels.push(Level::new(workers, matrix.csr(), interpolation, width));
             all_cells.push(cells);
-            matrix = coarse;
-        }
-        let bottom = Bottom::new(matrix.csr(), width).map_err(|row| {
-            let sample = |row, cells: &Cells| cells.samples[row] as usize;
-            not_definite(all_cells.iter().rev().fold(row, sample))
-        })?;
+        });
+        let bottom =
+            Bottom::new(bottom.csr(), width).map_err(|row| not_definite(sampled_row(row, &all_cells)))?;
         Ok(Self { stiff, levels, bottom, cells: all_cells, keeps_weights, width })
     }
 }
 
+/// Row of the finest level that row `row` of the coarsest one is a sample of.
+pub(crate) fn sampled_row(row: usize, cells: &[Cells]) -> usize {
+    cells.iter().rev().fold(row, |row, cells| cells.samples[row] as usize)
+}
+
+/// How cells and interpolation are made, level after level.
+fn coarsening(
+    interpolation: Interpolation<'_>,
+) -> impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)> {
+    let mut points = match interpolation {
+        Interpolation::Smoothed => None,
+        Interpolation::Barycentric(points) => Some(points.to_vec()),
+    };
+    move |workers, a| {
+        let f = Filtered::new(a);
+        let cells = Cells::new(&f);
+        if cells.count() as f64 > WORTHWHILE * a.n() as f64 {
+            return None;
+        }
+        let p = match &points {
+            Some(points) => interpolate::barycentric(workers, a, &cells, points),
+            None => interpolate::smoothed(workers, &f, &cells),
+        };
+        points = points.take().map(|own| cells.samples.iter().map(|&s| own[s as usize]).collect());
+        Some((level::Interpolation::new(p, cells.count()), cells))
+    }
+}
+
+/// Makes coarser matrices until one is small enough for the bottom, which is returned; `level` takes the others, with the way
+/// from each to the next.
+fn refine(
+    workers: &mut Workers,
+    mut matrix: Rows<f64>,
+    mut coarsen: impl FnMut(&mut Workers, Csr<'_>) -> Option<(level::Interpolation, Cells)>,
+    mut level: impl FnMut(&mut Workers, Rows<f64>, level::Interpolation, Cells),
+) -> Rows<f64> {
+    while matrix.n() > BOTTOM_ROWS {
+        let (interpolation, cells) =
+            coarsen(workers, matrix.csr()).unwrap_or_else(|| smoothing_only(matrix.n()));
+        let level::Interpolation { p, r } = &interpolation;
+        let coarse = galerkin::product(workers, matrix.csr(), p, r);
+        level(workers, std::mem::replace(&mut matrix, coarse), interpolation, cells);
+    }
+    matrix
+}
+
+/// The levels of `a` without elimination, for cycles elsewhere: `level` takes each, the coarsest matrix is returned.
+#[cfg(feature = "vulkan")]
+pub(crate) fn levels(
+    workers: &mut Workers,
+    a: Csr<'_>,
+    interpolation: Interpolation<'_>,
+    mut level: impl FnMut(Rows<f64>, level::Interpolation, Cells),
+) -> Rows<f64> {
+    let matrix = Rows { starts: a.starts.to_vec(), columns: a.columns.to_vec(), values: a.values.to_vec() };
+    refine(workers, matrix, coarsening(interpolation), |_, matrix, kept, cells| level(matrix, kept, cells))
+}
+
 /// The last level of a matrix without couplings worth following: its cycle is one symmetric Gauss-Seidel step.
-fn smoothing_only(n: usize) -> (Rows<f32>, Cells) {
+fn smoothing_only(n: usize) -> (level::Interpolation, Cells) {
     let nothing = Rows { starts: vec![0; n + 1], columns: Vec::new(), values: Vec::new() };
-    (nothing, Cells { owner: Vec::new(), samples: Vec::new() })
+    (level::Interpolation::new(nothing, 0), Cells { owner: Vec::new(), samples: Vec::new() })
 }
 
 /// x = V-cycle(b), from zero.
-fn cycle<const W: usize>(levels: &mut [Level], bottom: &mut Bottom, b: &[[f32; W]], x: &mut [[f32; W]]) {
+fn cycle<const W: usize>(
+    workers: &mut Workers,
+    levels: &mut [Level],
+    bottom: &mut Bottom,
+    b: &[[f32; W]],
+    x: &mut [[f32; W]],
+) {
     let Some((level, coarser)) = levels.split_first_mut() else {
         return bottom.solve(b, x);
     };
-    level.down(b, x);
+    level.down(workers, b, x);
     let mut work = std::mem::take(&mut level.coarse);
     let rows = level.coarse_rows();
     let (coarse_b, coarse_x) = work.split::<W>(rows);
-    cycle(coarser, bottom, coarse_b, coarse_x);
+    cycle(workers, coarser, bottom, coarse_b, coarse_x);
     level.coarse = work;
-    level.up(b, x);
+    level.up(workers, b, x);
 }
 
 impl<const W: usize> Preconditioner<f32, W> for Hierarchy {
-    fn apply(&mut self, r: &mut [[f32; W]], z: &mut [[f32; W]]) {
+    fn apply(&mut self, workers: &mut Workers, r: &mut [[f32; W]], z: &mut [[f32; W]]) {
         self.stiff.forward(r);
-        cycle(&mut self.levels, &mut self.bottom, r, z);
+        cycle(workers, &mut self.levels, &mut self.bottom, r, z);
         self.stiff.backward(z, r);
     }
 }
 
 impl AnyPreconditioner<f32> for Hierarchy {
     /// Keeps the eliminated rows, the cells and, where they come from positions, the weights of the interpolation.
-    fn update(&mut self, a: Csr<'_>) -> Result<(), PrepareError> {
+    fn update(&mut self, workers: &mut Workers, a: Csr<'_>) -> Result<(), PrepareError> {
         let order = self.stiff.order().to_vec();
         let mut old = std::mem::take(&mut self.levels).into_iter();
         let mut cells = std::mem::take(&mut self.cells).into_iter();
         let keeps_weights = self.keeps_weights;
-        let again = |_, a: Csr<'_>| {
+        let again = |workers: &mut Workers, a: Csr<'_>| {
             let (level, cells) = (old.next()?, cells.next()?);
-            let p = level.into_interpolation();
-            let p = if keeps_weights || cells.count() == 0 {
-                p
+            let kept = level.into_interpolation();
+            let interpolation = if keeps_weights || cells.count() == 0 {
+                kept
             } else {
-                interpolate::smoothed(&Filtered::new(a), &cells)
+                let p = interpolate::smoothed(workers, &Filtered::new(a), &cells);
+                level::Interpolation::new(p, cells.count())
             };
-            Some((p, cells))
+            Some((interpolation, cells))
         };
-        *self = Self::build(a, order, keeps_weights, self.width, again)?;
+        *self = Self::build(workers, a, order, keeps_weights, self.width, again)?;
         Ok(())
     }
 

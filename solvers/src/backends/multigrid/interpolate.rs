@@ -4,16 +4,21 @@ use super::cells::{Cells, NONE};
 use super::filter::Filtered;
 use super::rows::Rows;
 use crate::backends::cg::operator::Csr;
+use crate::backends::cg::workers::Workers;
 use crate::vector::{Vector, dot, sub};
+use std::ops::Range;
 
 /// Damping of the Jacobi step: 4/3 over the bound 2 on the eigenvalues of D^-1 F (Vanek, Mandel and Brezina 1996).
 const DAMPING: f64 = 2.0 / 3.0;
 
 /// Smoothed aggregation: P = (I - omega D^-1 F) T, T constant on cells. Two to three entries per row.
-pub(crate) fn smoothed(f: &Filtered, cells: &Cells) -> Rows<f32> {
-    let n = cells.owner.len();
-    let mut p = Rows::with_capacity(n, 3 * n);
-    for i in 0..n {
+pub(crate) fn smoothed(workers: &mut Workers, f: &Filtered, cells: &Cells) -> Rows<f32> {
+    workers.rows(cells.owner.len(), |rows| smoothed_strip(f, cells, rows))
+}
+
+fn smoothed_strip(f: &Filtered, cells: &Cells, rows: Range<usize>) -> Rows<f32> {
+    let mut p = Rows::with_capacity(rows.len(), 3 * rows.len());
+    for i in rows {
         let start = p.entries();
         if cells.owner[i] != NONE {
             p.push(cells.owner[i], (1.0 - DAMPING) as f32);
@@ -38,30 +43,49 @@ pub(crate) fn smoothed(f: &Filtered, cells: &Cells) -> Rows<f32> {
 /// Barycentric interpolation: each row from the corners of the triangle of neighbouring samples nearest to it, among those
 /// with the sample of its own cell. At most three entries per row; weights are positive and add up to 1.
 /// `positions`: one point per row.
-pub(crate) fn barycentric(a: Csr<'_>, cells: &Cells, positions: &[Vector]) -> Rows<f32> {
+pub(crate) fn barycentric(
+    workers: &mut Workers,
+    a: Csr<'_>,
+    cells: &Cells,
+    positions: &[Vector],
+) -> Rows<f32> {
     let n = cells.owner.len();
     let sample: Vec<Vector> = cells.samples.iter().map(|&s| positions[s as usize]).collect();
-    let adjacent = adjacency(a, cells);
-    let mut p = Rows::with_capacity(n, 3 * n);
-    let mut triangles = Triangles::default();
-    let mut nearest = vec![([NONE; 3], [0.0; 3]); n];
     let members = members(cells);
-    for cell in 0..cells.count() {
-        triangles.around(cell, &adjacent, &sample);
-        for &i in members.row(cell).0 {
-            let offset = sub(positions[i as usize], sample[cell]);
-            nearest[i as usize] = triangles.nearest(cell as u32, offset);
-        }
-    }
-    for (corners, weights) in nearest {
-        for (&corner, &weight) in corners.iter().zip(&weights) {
-            if corner != NONE && weight > 0.0 {
-                p.push(corner, weight as f32);
+    let adjacent = workers.rows(cells.count(), |range| adjacency(a, cells, &members, range));
+    // Cell by cell, so that its triangles are there for all its members.
+    let by_cell = workers.rows(cells.count(), |range| {
+        let mut found = Rows::with_capacity(n / cells.count() * range.len(), 0);
+        let mut triangles = Triangles::default();
+        for cell in range {
+            triangles.around(cell, &adjacent, &sample);
+            for &i in members.row(cell).0 {
+                let offset = sub(positions[i as usize], sample[cell]);
+                let (corners, weights) = triangles.nearest(cell as u32, offset);
+                for (&corner, &weight) in corners.iter().zip(&weights) {
+                    if corner != NONE && weight > 0.0 {
+                        found.push(corner, weight as f32);
+                    }
+                }
+                found.end_row();
             }
         }
-        p.end_row();
-    }
-    p
+        found
+    });
+    let mut place = vec![NONE; n];
+    members.columns.iter().enumerate().for_each(|(at, &i)| place[i as usize] = at as u32);
+    workers.rows(n, |range| {
+        let mut p = Rows::with_capacity(range.len(), 3 * range.len());
+        for &at in &place[range] {
+            if at != NONE {
+                let (corners, weights) = by_cell.row(at as usize);
+                p.columns.extend_from_slice(corners);
+                p.values.extend_from_slice(weights);
+            }
+            p.end_row();
+        }
+        p
+    })
 }
 
 /// The rows of every cell.
@@ -77,12 +101,12 @@ fn members(cells: &Cells) -> Rows<f32> {
     owner.transpose(cells.count())
 }
 
-/// Neighbouring cells of every cell: those that share an entry of `a`.
-fn adjacency(a: Csr<'_>, cells: &Cells) -> Rows<f32> {
-    let members = members(cells);
-    let mut adjacent = Rows::with_capacity(cells.count(), 8 * cells.count());
+/// Neighbouring cells of the cells `range`: those that share an entry of `a`.
+fn adjacency(a: Csr<'_>, cells: &Cells, members: &Rows<f32>, range: Range<usize>) -> Rows<f32> {
+    let mut adjacent = Rows::with_capacity(range.len(), 8 * range.len());
     let mut seen = vec![NONE; cells.count()];
-    for cell in 0..cells.count() as u32 {
+    for cell in range {
+        let cell = cell as u32;
         seen[cell as usize] = cell;
         for &i in members.row(cell as usize).0 {
             for &j in a.row(i as usize).0 {

@@ -16,13 +16,13 @@
 //! When to choose it: one or a few solves per matrix, values that change in every frame, or not enough memory for a
 //! factor. For many solves with one matrix a direct factor wins.
 
-mod bottom;
-mod cells;
+pub(crate) mod bottom;
+pub(crate) mod cells;
 mod filter;
 mod galerkin;
-mod hierarchy;
+pub(crate) mod hierarchy;
 mod interpolate;
-mod level;
+pub(crate) mod level;
 pub(crate) mod rows;
 mod stiff;
 #[cfg(test)]
@@ -32,6 +32,7 @@ use super::cg;
 use super::cg::krylov::Method;
 use super::cg::operator::Csr;
 use super::cg::preconditioner::AnyPreconditioner;
+use super::cg::workers::Workers;
 use crate::backend::Backend;
 use crate::error::{PrepareError, Unavailable};
 use crate::registry::OpenOptions;
@@ -50,14 +51,15 @@ pub fn open_cg(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailabl
 
 /// Opens `cg-amg`.
 pub fn open_amg(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    cg::open(options, Method::Conjugate, |a, _, width| surface(a, None, width))
+    cg::open(options, Method::Conjugate, |workers, a, _, width| surface(workers, a, None, width))
 }
 
 fn surface(
+    workers: &mut Workers,
     a: Csr<'_>,
     positions: Option<&[Vector]>,
     width: usize,
 ) -> Result<Box<dyn AnyPreconditioner<f32>>, PrepareError> {
     let interpolation = positions.map_or(Interpolation::Smoothed, Interpolation::Barycentric);
-    Ok(Box::new(Hierarchy::new(a, interpolation, width)?))
+    Ok(Box::new(Hierarchy::new(workers, a, interpolation, width)?))
 }

@@ -1,7 +1,9 @@
 //! Rectangular sparse matrices by rows.
 
 use crate::backends::cg::operator::Csr;
-use crate::isa::Real;
+use crate::backends::cg::workers::{Each, Strips, Workers};
+use crate::isa::{Features, Kernel, Real};
+use std::ops::Range;
 
 /// A sparse matrix by rows: entries of row i at `starts[i]..starts[i + 1]`.
 #[derive(Clone, Debug, Default)]
@@ -44,7 +46,7 @@ impl<T: Real> Rows<T> {
     }
 
     /// Columns and values of row `i`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn row(&self, i: usize) -> (&[u32], &[T]) {
         let range = self.starts[i] as usize..self.starts[i + 1] as usize;
         (&self.columns[range.clone()], &self.values[range])
@@ -76,20 +78,76 @@ impl<T: Real> Rows<T> {
         t
     }
 
-    /// y = M x, or y += M x where `add` is set. 2 W flops per entry.
-    #[inline]
-    pub(crate) fn multiply<const W: usize>(&self, x: &[[T; W]], y: &mut [[T; W]], add: bool) {
-        for (i, y) in y.iter_mut().enumerate() {
-            let (columns, values) = self.row(i);
-            let mut sum = if add { *y } else { [T::default(); W] };
+    /// y = M x, or y += M x where `add` is set; `strips` are those of y. 2 W flops per entry.
+    pub(crate) fn multiply<const W: usize>(
+        &self,
+        workers: &mut Workers,
+        strips: &Strips,
+        x: &[[T; W]],
+        y: &mut [[T; W]],
+        add: bool,
+    ) {
+        let isa = workers.isa;
+        workers.run(strips, y, |_, rows, y| isa.run(Multiply { m: self, rows, x, y, add }));
+    }
+
+    /// Strips put together, in order.
+    pub(crate) fn concatenate(strips: Vec<Self>) -> Self {
+        let (rows, entries) = strips.iter().fold((0, 0), |s, m| (s.0 + m.n(), s.1 + m.entries()));
+        let mut strips = strips.into_iter();
+        let Some(mut all) = strips.next() else { return Self::with_capacity(0, 0) };
+        all.starts.reserve_exact(rows + 1 - all.starts.len());
+        all.columns.reserve_exact(entries - all.columns.len());
+        all.values.reserve_exact(entries - all.values.len());
+        for strip in strips {
+            let before = all.columns.len() as u32;
+            all.starts.extend(strip.starts[1..].iter().map(|start| before + start));
+            all.columns.extend_from_slice(&strip.columns);
+            all.values.extend_from_slice(&strip.values);
+        }
+        all
+    }
+}
+
+/// One strip of a product.
+struct Multiply<'a, T, const W: usize> {
+    m: &'a Rows<T>,
+    rows: Range<usize>,
+    x: &'a [[T; W]],
+    y: &'a mut [[T; W]],
+    add: bool,
+}
+
+impl<T: Real, const W: usize> Kernel for Multiply<'_, T, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Features>(self) {
+        for (i, y) in self.rows.zip(self.y) {
+            let (columns, values) = self.m.row(i);
+            let mut sum = if self.add { *y } else { [T::default(); W] };
             for (&j, &a) in columns.iter().zip(values) {
-                let x = &x[j as usize];
+                let x = &self.x[j as usize];
                 for c in 0..W {
                     sum[c] += a * x[c];
                 }
             }
             *y = sum;
         }
+    }
+}
+
+impl Workers {
+    /// `n` rows of a matrix, every strip made by `strip` on a thread of its own.
+    pub(crate) fn rows<T: Real>(
+        &mut self,
+        n: usize,
+        strip: impl Fn(Range<usize>) -> Rows<T> + Sync,
+    ) -> Rows<T> {
+        let strips = self.strips(n);
+        let mut parts = vec![Rows::default(); strips.count()];
+        self.run(&strips, Each(&mut parts), |_, rows, part| *part = strip(rows));
+        Rows::concatenate(parts)
     }
 }
 

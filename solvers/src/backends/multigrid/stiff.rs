@@ -11,6 +11,7 @@
 
 use super::rows::Rows;
 use crate::backends::cg::operator::Csr;
+use crate::backends::cg::workers::{Each, Workers};
 
 /// Coupling above which a pair is stiff. A strip of thin triangles has 1/4 everywhere and must not go as a whole.
 const STIFF: f64 = 0.3;
@@ -105,11 +106,11 @@ impl<'a> Schur<'a> {
 }
 
 /// Chooses the rows to eliminate, in order.
-pub(crate) fn choose(a: Csr<'_>) -> Vec<u32> {
+pub(crate) fn choose(workers: &mut Workers, a: Csr<'_>) -> Vec<u32> {
     let mut schur = Schur::new(a);
     let mut diagonal = a.diagonal();
     let mut order = Vec::new();
-    let mut candidates: Vec<u32> = (0..a.n() as u32).collect();
+    let mut candidates = stiff_rows(workers, &schur, &diagonal);
     for _ in 0..ROUNDS {
         candidates.retain(|&v| !schur.eliminated[v as usize] && schur.is_stiff(v as usize, &diagonal));
         candidates.sort_by(|&v, &w| diagonal[w as usize].total_cmp(&diagonal[v as usize]).then(v.cmp(&w)));
@@ -131,6 +132,16 @@ pub(crate) fn choose(a: Csr<'_>) -> Vec<u32> {
         candidates = next;
     }
     order
+}
+
+/// All rows that are the stiffer end of a stiff pair.
+fn stiff_rows(workers: &mut Workers, schur: &Schur<'_>, diagonal: &[f64]) -> Vec<u32> {
+    let strips = workers.strips(diagonal.len());
+    let mut parts = vec![Vec::new(); strips.count()];
+    workers.run(&strips, Each(&mut parts), |_, rows, part| {
+        part.extend(rows.filter(|&v| schur.is_stiff(v, diagonal)).map(|v| v as u32));
+    });
+    parts.concat()
 }
 
 /// The factor of the eliminated rows, in f32.

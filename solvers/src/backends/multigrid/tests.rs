@@ -5,6 +5,7 @@ use super::stiff;
 use crate::backend::{Factor, PrepareOptions};
 use crate::backends::cg::operator::{Csr, FullCsr, Operator};
 use crate::backends::cg::test_systems::{assert_spd, dirichlet, slivers, sphere, wave};
+use crate::backends::cg::workers::Workers;
 use crate::columns::Columns;
 use crate::conformance;
 use crate::error::SolveError;
@@ -45,11 +46,15 @@ fn conforms() {
 fn cycles_are_spd() {
     for mesh in [sphere(24, 1.0), sphere(24, 20.0), slivers(24, 1e-3)] {
         let system = dirichlet(&mesh, 60);
-        assert_spd(&system, 1e-5, |a| Hierarchy::new(a, Interpolation::Smoothed, 4).expect("definite"));
-        let rows = FullCsr::new(system.matrix()).rows().to_vec();
+        assert_spd(&system, 1e-5, |workers, a| {
+            Hierarchy::new(workers, a, Interpolation::Smoothed, 4).expect("definite")
+        });
+        let rows = FullCsr::new(&mut Workers::one(), system.matrix()).rows().to_vec();
         let all = system.positions().expect("a mesh");
         let points: Vec<_> = rows.iter().map(|&row| all[row as usize]).collect();
-        let build = |a: Csr<'_>| Hierarchy::new(a, Interpolation::Barycentric(&points), 4).expect("definite");
+        let build = |workers: &mut Workers, a: Csr<'_>| {
+            Hierarchy::new(workers, a, Interpolation::Barycentric(&points), 4).expect("definite")
+        };
         assert_spd(&system, 1e-5, build);
     }
 }
@@ -86,8 +91,8 @@ fn bad_triangles_cost_few_iterations() {
 #[test]
 fn stiff_rows_are_few_and_sufficient() {
     let system = dirichlet(&slivers(40, 1e-4), 500);
-    let matrix = FullCsr::new(system.matrix());
-    let order = stiff::choose(matrix.csr());
+    let matrix = FullCsr::new(&mut Workers::one(), system.matrix());
+    let order = stiff::choose(&mut Workers::one(), matrix.csr());
     assert!(!order.is_empty() && order.len() < system.n() / 4, "{} of {}", order.len(), system.n());
     let stiff_pairs = |a: Csr<'_>| -> usize {
         let d = a.diagonal();
@@ -101,7 +106,8 @@ fn stiff_rows_are_few_and_sufficient() {
     let (_, schur) = stiff::Stiff::factor(matrix.csr(), order, 1).expect("definite");
     let (before, after) = (stiff_pairs(matrix.csr()), stiff_pairs(schur.csr()));
     assert!(before > 500 && after * 20 < before, "{before} stiff pairs become {after}");
-    assert!(stiff::choose(FullCsr::new(dirichlet(&sphere(20, 1.0), 500).matrix()).csr()).is_empty());
+    let good = FullCsr::new(&mut Workers::one(), dirichlet(&sphere(20, 1.0), 500).matrix());
+    assert!(stiff::choose(&mut Workers::one(), good.csr()).is_empty());
 }
 
 /// Where there is nothing to coarsen, smoothing alone must do; and a dense bottom of thousands of rows must not come up.

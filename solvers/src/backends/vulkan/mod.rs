@@ -9,6 +9,7 @@
 //! | `buffer.rs` | device memory; [`Input`] and [`Output`]: the host's side of a frame |
 //! | `kernel.rs`, `shaders.rs` | pipelines from committed SPIR-V |
 //! | `plan.rs` | what a frame does, recorded once, run in every frame |
+//! | `cg/` | conjugate gradients |
 //! | `error.rs`, `messages.rs`, `faults.rs` | failures: what they mean, the validation layer's, and injected ones |
 //!
 //! Every Vulkan object is owned by one Rust value that releases it, and everything holds the [`Device`] it lives on, so
@@ -17,6 +18,7 @@
 #[macro_use]
 mod shaders;
 mod buffer;
+pub mod cg;
 mod device;
 pub mod direct;
 mod error;

@@ -28,26 +28,28 @@ pub struct Shader {
     pub push_words: usize,
 }
 
+/// Path of a committed variant.
+macro_rules! spirv {
+    ($name:literal, $real:literal, $read:literal) => {
+        concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/src/backends/vulkan/shaders/spv/",
+            $name,
+            ".",
+            $real,
+            ".",
+            $read,
+            ".spv"
+        )
+    };
+}
+
 /// The shader compiled from `shaders/NAME.comp` for the numbers REAL.
 macro_rules! shader {
     ($name:literal, $real:literal, $bindings:expr, $push_words:expr) => {
         Shader {
-            texel: include_bytes!(concat!(
-                env!("CARGO_MANIFEST_DIR"),
-                "/src/backends/vulkan/shaders/spv/",
-                $name,
-                ".",
-                $real,
-                ".texel.spv"
-            )),
-            storage: include_bytes!(concat!(
-                env!("CARGO_MANIFEST_DIR"),
-                "/src/backends/vulkan/shaders/spv/",
-                $name,
-                ".",
-                $real,
-                ".storage.spv"
-            )),
+            texel: include_bytes!(spirv!($name, $real, "texel")),
+            storage: include_bytes!(spirv!($name, $real, "storage")),
             bindings: $bindings,
             push_words: $push_words,
         }
