@@ -35,7 +35,7 @@ impl Running<'_> {
         self.cell.device = Some(one_line(&described.device));
         self.cell.device_type = Some(described.device_type);
         self.cell.details = described.details;
-        if let Some(what) = self.task.beyond(described.precision) {
+        if let Some(what) = self.task.beyond(described.precision, self.iterative) {
             return Err(Failure::new(Status::Unsupported, what));
         }
         let unknowns = self.task.unknowns();
