@@ -14,6 +14,7 @@ use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{self, Entry, OpenOptions};
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::workload::arap::{Arap, ArapProblem};
+use lapsolve::workload::geodesic::{Geodesic, GeodesicProblem};
 use lapsolve::workload::harmonic::{COLUMNS, Constraints, DEFAULT_CONSTRAINTS, default_values};
 use serde_json::Value;
 use tests::needs;
@@ -24,6 +25,10 @@ const EVERY_BACKEND_UP_TO: usize = 1_000;
 const AREA_LIMIT: f64 = 1e-10;
 /// Difference between two solutions of the same deformation, in diagonals.
 const ARAP_LIMIT: f64 = 1e-9;
+/// The same to libigl, which fits rotations in f32.
+const IGL_ARAP_LIMIT: f64 = 1e-4;
+/// Difference of distances, in diagonals.
+const DISTANCE_LIMIT: f64 = 1e-5;
 /// Difference between two unit quaternions of the same formula: a few roundings of sines and products.
 const VALUE_LIMIT: f64 = 1e-14;
 
@@ -166,7 +171,7 @@ fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
         let handles = rows(&golden["open3d"]["handles"]);
         // Open3D's first iteration is the step that comes before all of ours.
         for (after, iterations) in [("after_1", 0), ("after_5", 4)] {
-            let moved = deformed(mesh, &handles, iterations);
+            let moved = deformed(mesh, &handles, Weights::ClampedPerEdge, iterations);
             for row in rows(&golden["open3d"][after]) {
                 for axis in 0..3 {
                     let what = format!("position {} axis {axis}, {after}", row[0]);
@@ -179,14 +184,50 @@ fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
     wrong
 }
 
-/// As-rigid-as-possible deformation with the weights of Open3D, on a closed mesh.
-fn deformed(mesh: &TriangleMesh, handles: &[Vec<f64>], iterations: u32) -> Vec<[f64; 3]> {
+/// libigl's deformation by the same handles, and the distances of libigl and potpourri3d from one vertex.
+fn compare_pipelines(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let pipelines = &golden["pipelines"];
+    if !pipelines.is_object() {
+        return wrong;
+    }
+    let moved = deformed(mesh, &rows(&golden["open3d"]["handles"]), Weights::Plain, 5);
+    for row in rows(&pipelines["igl_arap"]) {
+        for axis in 0..3 {
+            let what = format!("position {} axis {axis} of libigl", row[0]);
+            let ours = moved[row[0] as usize][axis];
+            compare(&mut wrong, what, ours, row[1 + axis], IGL_ARAP_LIMIT, mesh.diagonal());
+        }
+    }
+    let source = number(&pipelines["source"]) as u32;
+    let [libigl, potpourri] = [Mass::Voronoi, Mass::Barycentric].map(|mass| distances(mesh, source, mass));
+    for row in rows(&pipelines["distances"]) {
+        for (name, ours, theirs) in [("libigl", &libigl, row[1]), ("potpourri3d", &potpourri, row[2])] {
+            let what = format!("distance of {} by {name}", row[0]);
+            compare(&mut wrong, what, ours[row[0] as usize], theirs, DISTANCE_LIMIT, mesh.diagonal());
+        }
+    }
+    wrong
+}
+
+/// Distances from `source` by the heat method.
+fn distances(mesh: &TriangleMesh, source: u32, mass: Mass) -> Vec<f64> {
+    let entry = registry::find("framechol-f64").expect("a built-in backend");
+    let backend = (entry.open)(&OpenOptions::default()).expect("always there");
+    let problem = GeodesicProblem::new(mesh, mass).expect("usable");
+    let mut geodesic = Geodesic::prepare(&*backend, &problem, &mut |_| {}).expect("positive definite");
+    let mut distances = vec![0.0; mesh.positions().len()];
+    geodesic.solve(&[source], &mut distances).expect("finite");
+    distances
+}
+
+/// As-rigid-as-possible deformation of a closed mesh; clamped per edge the weights are those of Open3D.
+fn deformed(mesh: &TriangleMesh, handles: &[Vec<f64>], weights: Weights, iterations: u32) -> Vec<[f64; 3]> {
     let mut sorted = handles.to_vec();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let vertices: Vec<u32> = sorted.iter().map(|row| row[0] as u32).collect();
     let targets: Vec<[f64; 3]> = sorted.iter().map(|row| [row[1], row[2], row[3]]).collect();
-    let problem =
-        ArapProblem::new(mesh, &vertices, Weights::ClampedPerEdge).expect("golden handles are valid");
+    let problem = ArapProblem::new(mesh, &vertices, weights).expect("golden handles are valid");
     let entry = registry::find("framechol-f64").expect("a built-in backend");
     let backend = (entry.open)(&OpenOptions::default()).expect("always there");
     let mut arap = Arap::prepare(&*backend, &problem, &mut |_| {}).expect("positive definite");
@@ -237,6 +278,7 @@ fn compare_mesh(golden: &Value, path: &Path) -> Vec<String> {
     ));
     wrong.extend(compare_default_constraints(golden, mesh, &l));
     wrong.extend(compare_open3d(golden, mesh));
+    wrong.extend(compare_pipelines(golden, mesh));
     let small = l.n() <= EVERY_BACKEND_UP_TO;
     for backend in registry::BACKENDS.iter().filter(|backend| small || backend.id == "faer-llt") {
         wrong.extend(compare_harmonic(golden, mesh, &l, backend));

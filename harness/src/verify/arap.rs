@@ -54,8 +54,8 @@ fn poses(
     findings: &mut Findings,
 ) -> Result<(), NoAnswer> {
     let limit = subject.limits.arap;
-    let plain = ArapProblem::new(mesh, handles, Weights::Plain)?;
-    let mut arap = Arap::prepare(&*subject.backend, &plain, &mut |_| {})?;
+    let problem = ArapProblem::new(mesh, handles, Weights::ClampedPerEdge)?;
+    let mut arap = Arap::prepare(&*subject.backend, &problem, &mut |_| {})?;
     let used = used(mesh);
     let at = |pose: &[Vector]| -> Vec<Vector> { handles.iter().map(|&v| pose[v as usize]).collect() };
     let mut x = mesh.positions().to_vec();
@@ -77,20 +77,12 @@ fn poses(
     let off = distance(mesh, &used, &x, &turned);
     findings.at_most(Level::Behaviour, "arap, a rigid pose is at rest", off, limit, "of the diagonal");
 
-    energy(mesh, handles, targets, subject, findings)
+    arap.start(targets)?;
+    energy(&mut arap, subject, findings)
 }
 
 /// With no negative weight neither step can raise the energy.
-fn energy(
-    mesh: &TriangleMesh,
-    handles: &[u32],
-    targets: &[Vector],
-    subject: &Subject,
-    findings: &mut Findings,
-) -> Result<(), NoAnswer> {
-    let clamped = ArapProblem::new(mesh, handles, Weights::ClampedPerEdge)?;
-    let mut arap = Arap::prepare(&*subject.backend, &clamped, &mut |_| {})?;
-    arap.start(targets)?;
+fn energy(arap: &mut Arap, subject: &Subject, findings: &mut Findings) -> Result<(), NoAnswer> {
     let first = arap.energy();
     let (mut before, mut rise) = (first, 0.0_f64);
     for _ in 0..5 {

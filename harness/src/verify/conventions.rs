@@ -6,14 +6,15 @@ use lapsolve::mesh::TriangleMesh;
 use lapsolve::sparse::SymmetricCsr;
 use std::collections::HashMap;
 
-/// The Laplacian by which a program deforms. None and libigl: plain weights. Open3D: negative weights count as zero, and it
-/// divides the sum of cotangents at a boundary edge by one instead of two.
+/// The Laplacian by which a program deforms. We: negative weights count as zero, so that no rotation is fitted backwards. libigl:
+/// plain weights. Open3D: as we do, but it divides the sum of cotangents at a boundary edge by one instead of two.
 ///
 /// # Errors
 /// A name that is not known.
 pub fn arap_laplacian(mesh: &TriangleMesh, convention: Option<&str>) -> Result<SymmetricCsr, String> {
     match convention {
-        None | Some("libigl") => Ok(Laplacian::assemble(mesh, Weights::Plain).into_matrix()),
+        None => Ok(Laplacian::assemble(mesh, Weights::ClampedPerEdge).into_matrix()),
+        Some("libigl") => Ok(Laplacian::assemble(mesh, Weights::Plain).into_matrix()),
         Some("open3d") => Ok(open3d_laplacian(mesh)),
         Some(other) => Err(format!("no convention of `arap` is called {other}")),
     }

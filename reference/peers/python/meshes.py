@@ -51,7 +51,7 @@ class MeshProblem:
 class IglArap(Solver):
     """libigl's arap with SPOKES energy. Its start is the same as everybody's: x + the harmonic field of the displacements."""
 
-    kind, precision, convention = "arap", "f32", None  # rotations are fitted in f32
+    kind, precision, convention = "arap", "f32", "libigl"  # rotations are fitted in f32
 
     def __init__(self, threads, tolerance):
         super().__init__(threads, tolerance)
@@ -59,7 +59,8 @@ class IglArap(Solver):
         self.threads = 1
 
     def details(self):
-        return {"version": f"libigl {self.version}", "call": "min_quad_with_fixed_solve, arap_solve, SPOKES"}
+        return {"version": f"libigl {self.version}", "call": "min_quad_with_fixed_solve, arap_solve, SPOKES",
+                "convention": self.convention}
 
     def prepare_mesh(self, problem):
         igl, self.problem = self.igl, problem

@@ -89,7 +89,7 @@ impl Prepared {
             Problem::Arap { mesh, handles, iterations } => {
                 exactly(max_columns, 3)?;
                 let (mesh, handles) = (read_mesh(mesh)?, handles.read::<u32>()?);
-                let problem = ArapProblem::new(&mesh, &handles, Weights::Plain)?;
+                let problem = ArapProblem::new(&mesh, &handles, Weights::ClampedPerEdge)?;
                 clock.restart();
                 let arap = Arap::prepare(backend, &problem, &mut |phase| clock.begin(phase))?;
                 clock.stop();

@@ -71,7 +71,7 @@ pub fn task(
     let begin = Instant::now();
     let unknowns = match &kind {
         Kind::Arap { handles, .. } => {
-            ArapProblem::new(mesh, handles, Weights::Plain)?.dirichlet().free().len()
+            ArapProblem::new(mesh, handles, Weights::ClampedPerEdge)?.dirichlet().free().len()
         }
         Kind::Geodesic { sources } => {
             let problem = GeodesicProblem::new(mesh, Mass::Barycentric)?;

@@ -17,7 +17,7 @@
 //!
 //! # Default input of a mesh that comes alone
 //! [`defaults::handles`]: the default constraints of `harmonic`, carried along by the extreme frame of the default twist;
-//! [`ITERATIONS`] iterations.
+//! [`ITERATIONS`] iterations, weights clamped per edge: negative ones can turn S_i against the edges it is made of.
 //!
 //! # Right when
 //! handles in place leave the mesh as it is; a rigid motion of three handles or more of a component, not in line, moves it
