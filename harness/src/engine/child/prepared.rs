@@ -254,7 +254,11 @@ impl Prepared {
             Handle::System(factor) => factor.footprint(),
             Handle::Harmonic(harmonic) => harmonic.footprint(),
             Handle::Transfer(frames) => frames.footprint(),
-            Handle::Arap(arap, _) => arap.footprint(),
+            Handle::Arap(arap, iterations) => {
+                let one = arap.footprint();
+                let solves = u64::from(*iterations) + 1;
+                Footprint { bytes_per_solve: one.bytes_per_solve.map(|bytes| solves * bytes), ..one }
+            }
             Handle::Geodesic(geodesic) => geodesic.footprint(),
         }
     }
