@@ -31,7 +31,8 @@ fn skinning_takes_bones_and_gives_weights() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let bones = "x1,y1,z1,x2,y2,z2\n0,0,-0.5,0,0,0\n0,0,0,0,0,0.5\n";
     let base = "--mesh sphere:2 --workload skinning";
-    let (k, weights) = solve(&folder, &format!("{base} --bones FILE"), ("b.csv", bones)).expect("solves");
+    let (k, weights) =
+        solve(&folder, &format!("{base} --bones FILE --heat 1000"), ("b.csv", bones)).expect("solves");
     assert_eq!(k, 2);
     assert!(weights.chunks(2).all(|w| (w[0] + w[1] - 1.0).abs() < 1e-10));
     assert!(weights.iter().any(|&w| w > 0.9) && weights.iter().any(|&w| w < 0.1));
