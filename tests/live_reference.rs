@@ -146,7 +146,7 @@ fn committed_meshes_deform_and_measure_as_elsewhere() {
 #[test]
 fn real_meshes_deform_and_measure_as_elsewhere() {
     let (Some(python), Some(data)) = (needs::reference().map(Python::at), needs::data()) else { return };
-    for name in ["meshes/femur_8k.ply", "sequences/smpl_woman_14k.ply"] {
+    for name in ["meshes/femur_8k.ply", "meshes/smpl_woman_14k.ply"] {
         assert_pipelines_agree(&python, &data.join(name));
     }
 }

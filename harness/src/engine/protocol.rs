@@ -200,7 +200,7 @@ pub struct Described {
     #[serde(default)]
     pub max_unknowns: Option<usize>,
     /// Versions, build flags, tuning. `convention` names the program whose definition of a pipeline the answers follow where
-    /// definitions differ (`open3d`, `libigl`); they are checked against a refined answer of that definition.
+    /// definitions differ (`open3d`, `libigl`, `geometry-central`); they are checked against a refined answer of that definition.
     #[serde(default)]
     pub details: BTreeMap<String, String>,
 }

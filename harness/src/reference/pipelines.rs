@@ -5,7 +5,6 @@ use super::{Agreement, Python, ReferenceError};
 use crate::mesh_io::table;
 use crate::verify::conventions;
 use lapsolve::backend::Backend;
-use lapsolve::mass::Mass;
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::workload::arap::{Arap, ArapError, ArapProblem};
 use lapsolve::workload::geodesic::{Geodesic, GeodesicError, GeodesicProblem};
@@ -14,8 +13,8 @@ use lapsolve::workload::geodesic::{Geodesic, GeodesicError, GeodesicProblem};
 const OPEN3D_LIMIT: f64 = 1e-9;
 /// The same to libigl, which fits rotations in f32.
 const IGL_ARAP_LIMIT: f64 = 1e-4;
-/// Difference of distances, in diagonals: both programs solve in f64, potpourri3d with a shift of the singular system.
-const DISTANCE_LIMIT: f64 = 1e-5;
+/// Difference of distances, in diagonals: all solve in f64.
+const DISTANCE_LIMIT: f64 = 1e-9;
 
 /// What is asked of all.
 #[derive(Clone, Copy, Debug)]
@@ -81,13 +80,13 @@ pub fn compare(
     }
     for (array, quantity, convention) in [
         ("igl_heat", "distances against libigl", Some("libigl")),
-        ("potpourri3d", "distances against potpourri3d", None),
+        ("potpourri3d", "distances against potpourri3d", Some("geometry-central")),
     ] {
         if array == "potpourri3d" && answer.facts["potpourri3d"] != true {
             continue;
         }
-        let mass = conventions::geodesic_mass(convention).map_err(PipelineError::Other)?;
-        let ours = distances(mesh, source, mass, backend)?;
+        let problem = conventions::geodesic(mesh, convention).map_err(PipelineError::Other)?;
+        let ours = distances(&problem, source, backend)?;
         agreements.push(agreement(quantity, DISTANCE_LIMIT, mesh, &ours, &answer.array(array, Some(n))?));
     }
     Ok(agreements)
@@ -124,15 +123,13 @@ fn deform(
 }
 
 fn distances(
-    mesh: &TriangleMesh,
+    problem: &GeodesicProblem,
     source: u32,
-    mass: Mass,
     backend: &dyn Backend,
 ) -> Result<Vec<f64>, PipelineError> {
-    let problem = GeodesicProblem::new(mesh, mass)?;
     problem.check_sources(&[source])?;
-    let mut geodesic = Geodesic::prepare(backend, &problem, &mut |_| {})?;
-    let mut distances = vec![0.0; mesh.positions().len()];
+    let mut geodesic = Geodesic::prepare(backend, problem, &mut |_| {})?;
+    let mut distances = vec![0.0; problem.vertices()];
     geodesic.solve(&[source], &mut distances).map_err(|error| PipelineError::Other(error.to_string()))?;
     Ok(distances)
 }

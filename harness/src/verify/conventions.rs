@@ -4,6 +4,7 @@ use lapsolve::laplacian::{Laplacian, Weights};
 use lapsolve::mass::Mass;
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::sparse::SymmetricCsr;
+use lapsolve::workload::geodesic::GeodesicProblem;
 use std::collections::HashMap;
 
 /// The Laplacian by which a program deforms. We: negative weights count as zero, so that no rotation is fitted backwards. libigl:
@@ -20,14 +21,17 @@ pub fn arap_laplacian(mesh: &TriangleMesh, convention: Option<&str>) -> Result<S
     }
 }
 
-/// The masses by which a program lets heat flow: libigl takes Voronoi areas, the paper's own code thirds of triangles.
+/// Distances as a program defines them. We: thirds of triangles as masses, the second system grounded. libigl: Voronoi areas.
+/// geometry-central (potpourri3d): our masses, 1e-6 added to the diagonal of the second system.
 ///
 /// # Errors
-/// A name that is not known.
-pub fn geodesic_mass(convention: Option<&str>) -> Result<Mass, String> {
+/// A name that is not known, or a mesh that is not acceptable.
+pub fn geodesic(mesh: &TriangleMesh, convention: Option<&str>) -> Result<GeodesicProblem, String> {
+    let new = |mass| GeodesicProblem::new(mesh, mass).map_err(|error| error.to_string());
     match convention {
-        None => Ok(Mass::Barycentric),
-        Some("libigl") => Ok(Mass::Voronoi),
+        None => new(Mass::Barycentric),
+        Some("libigl") => new(Mass::Voronoi),
+        Some("geometry-central") => Ok(new(Mass::Barycentric)?.shifted(1e-6)),
         Some(other) => Err(format!("no convention of `geodesic` is called {other}")),
     }
 }

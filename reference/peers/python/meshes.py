@@ -134,7 +134,7 @@ class IglHeat(Solver):
 class Potpourri(Solver):
     """potpourri3d (geometry-central) on the mesh as it is."""
 
-    kind, convention = "geodesic", None
+    kind, convention = "geodesic", "geometry-central"
 
     def __init__(self, threads, tolerance):
         super().__init__(threads, tolerance)
@@ -142,7 +142,8 @@ class Potpourri(Solver):
         self.threads = 1
 
     def details(self):
-        return {"version": f"potpourri3d {self.version}", "call": "MeshHeatMethodDistanceSolver, use_robust=False"}
+        return {"version": f"potpourri3d {self.version}", "call": "MeshHeatMethodDistanceSolver, use_robust=False",
+                "convention": self.convention}
 
     def prepare_mesh(self, problem):
         self.solver = self.module.MeshHeatMethodDistanceSolver(problem.positions, problem.triangles, use_robust=False)

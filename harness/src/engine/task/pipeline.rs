@@ -230,8 +230,7 @@ impl Pipeline {
                 positions.into_flattened()
             }
             Kind::Geodesic { sources } => {
-                let problem = GeodesicProblem::new(mesh, conventions::geodesic_mass(convention)?)
-                    .map_err(|error| error.to_string())?;
+                let problem = conventions::geodesic(mesh, convention)?;
                 let mut geodesic =
                     Geodesic::prepare(&backend, &problem, &mut |_| {}).map_err(|error| error.to_string())?;
                 let mut distances = vec![0.0; mesh.positions().len()];
