@@ -25,8 +25,8 @@ const EVERY_BACKEND_UP_TO: usize = 1_000;
 const AREA_LIMIT: f64 = 1e-10;
 /// Difference between two solutions of the same deformation, in diagonals.
 const ARAP_LIMIT: f64 = 1e-9;
-/// The same to libigl, which fits rotations in f32.
-const IGL_ARAP_LIMIT: f64 = 1e-4;
+/// The same to libigl, which fits rotations in f32; most of these meshes have negative weights, which make some hard to tell.
+const IGL_ARAP_LIMIT: f64 = 1e-3;
 /// Difference of distances, in diagonals.
 const DISTANCE_LIMIT: f64 = 1e-9;
 /// What potpourri3d adds to the diagonal of the singular system.

@@ -19,7 +19,7 @@ pub struct Limits {
     /// Largest error of a `transfer` frame, relative to the diagonal.
     pub transfer: f64,
     /// Largest error of an `arap` deformation, relative to the diagonal. Rotations that are fitted in f32, as libigl does, leave
-    /// 1e-5 after ten iterations on well-shaped meshes.
+    /// 3e-6 on well-shaped meshes after five iterations and 3e-4 where negative weights make some of them hard to tell.
     pub arap: f64,
 }
 
@@ -51,7 +51,7 @@ impl Limits {
         match (accuracy, precision) {
             (Accuracy::Direct, Precision::F64) => direct(BACKWARD_F64, 1e-9, 1e-9, 1e-9, 1e-9),
             (Accuracy::Direct, Precision::Mixed) => direct(BACKWARD_MIXED, 2e-9, 2e-9, 2e-9, 2e-9),
-            (Accuracy::Direct, Precision::F32) => direct(BACKWARD_F32, 1e-5, 5e-6, 2e-5, 1e-4),
+            (Accuracy::Direct, Precision::F32) => direct(BACKWARD_F32, 1e-5, 5e-6, 2e-5, 1e-3),
             (Accuracy::Iterative, _) => {
                 let forward = ITERATIVE_FORWARD * tolerance;
                 Self {
