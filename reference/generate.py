@@ -11,6 +11,8 @@ Each golden/<mesh>.json holds the mesh's checksum, the versions of the tools, an
   harmonic    limit of a direct f64 solver, relative to the largest |g|; constraints [vertex, g_1 .. g_k], samples [vertex, u_1 .. u_k] of igl.harmonic
   open3d      area of the whole mesh; for some closed meshes as-rigid-as-possible deformation: handles [vertex, x, y, z],
               positions [vertex, x, y, z] after 1 and after 5 iterations
+  pipelines   for the same meshes: igl_arap, positions [vertex, x, y, z] after the start and 5 iterations of libigl's arap for
+              the same handles; distances [vertex, libigl, potpourri3d] from vertex `source`
 in the numbering of the file. golden/manifest.json has the sha256 of every golden file.
 """
 
@@ -26,6 +28,7 @@ import default_constraints
 import igl_reference
 import mesh_files
 import open3d_reference
+import pipelines_reference
 
 GOLDEN = pathlib.Path(__file__).resolve().parent / "golden"
 # libigl computes from edge lengths and loses about eps / angle^2 of a triangle's area: on real meshes its entries are off
@@ -76,18 +79,36 @@ def harmonic_samples(mesh, used, angles):
             "samples": [[int(used[v]), *map(float, field[v])] for v in sampled]}
 
 
-def arap_samples(mesh):
-    """Ten handles, moved by up to a tenth of the mesh's size, and where some free vertices go."""
+def arap_handles(mesh):
+    """Ten handles, where they go (up to a tenth of the mesh's size), and some other vertices."""
     vertices = default_constraints.choose(mesh)[:: default_constraints.COUNT // ARAP_HANDLES]
     size = np.linalg.norm(np.ptp(mesh.positions, axis=0))
     targets = mesh.positions[vertices] + 0.1 * size * default_constraints.values(mesh, vertices)[:, 1:]
-    sampled = spread(np.setdiff1d(np.arange(len(mesh.positions)), vertices))
+    return vertices, targets, spread(np.setdiff1d(np.arange(len(mesh.positions)), vertices))
+
+
+def arap_samples(mesh):
+    """Where some free vertices go."""
+    vertices, targets, sampled = arap_handles(mesh)
     samples = {"handles": [[int(v), *map(float, x)] for v, x in zip(vertices, targets)]}
     for iterations in (1, 5):
         deformed = open3d_reference.deform(
             open3d_reference.from_arrays(mesh.positions, mesh.triangles), vertices, targets, iterations)
         samples[f"after_{iterations}"] = [[int(v), *map(float, deformed[v])] for v in sampled]
     return samples
+
+
+def pipeline_samples(mesh):
+    """The handles of `arap_samples` once more, and distances from the first vertex."""
+    vertices, targets, sampled = arap_handles(mesh)
+    order = np.argsort(vertices)
+    deformed = pipelines_reference.igl_arap(mesh, vertices[order], targets[order], 5)
+    source = 0
+    libigl = pipelines_reference.igl_heat(mesh, source)
+    potpourri, version = pipelines_reference.potpourri(mesh, source)
+    return {"potpourri3d": version, "source": source,
+            "igl_arap": [[int(v), *map(float, deformed[v])] for v in sampled],
+            "distances": [[int(v), float(libigl[v]), float(potpourri[v])] for v in sampled]}
 
 
 def spread(indices):
@@ -118,6 +139,7 @@ def golden_values(path, name):
                  for i in vertices],
         "harmonic": harmonic_samples(mesh, used, angles),
         "open3d": {"area": whole.get_surface_area(), **(arap_samples(mesh) if path.stem in ARAP_MESHES else {})},
+        **({"pipelines": pipeline_samples(mesh)} if path.stem in ARAP_MESHES else {}),
     }
 
 

@@ -13,6 +13,8 @@ use lapsolve::mass::{self, Mass};
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{self, Entry, OpenOptions};
 use lapsolve::sparse::SymmetricCsr;
+use lapsolve::workload::arap::{Arap, ArapProblem};
+use lapsolve::workload::geodesic::{Geodesic, GeodesicProblem};
 use lapsolve::workload::harmonic::{COLUMNS, Constraints, DEFAULT_CONSTRAINTS, default_values};
 use serde_json::Value;
 use tests::needs;
@@ -23,6 +25,12 @@ const EVERY_BACKEND_UP_TO: usize = 1_000;
 const AREA_LIMIT: f64 = 1e-10;
 /// Difference between two solutions of the same deformation, in diagonals.
 const ARAP_LIMIT: f64 = 1e-9;
+/// The same to libigl, which fits rotations in f32; most of these meshes have negative weights, which make some hard to tell.
+const IGL_ARAP_LIMIT: f64 = 1e-3;
+/// Difference of distances, in diagonals.
+const DISTANCE_LIMIT: f64 = 1e-9;
+/// What potpourri3d adds to the diagonal of the singular system.
+const POTPOURRI_SHIFT: f64 = 1e-6;
 /// Difference between two unit quaternions of the same formula: a few roundings of sines and products.
 const VALUE_LIMIT: f64 = 1e-14;
 
@@ -155,8 +163,7 @@ fn compare_default_constraints(golden: &Value, mesh: &TriangleMesh, l: &Symmetri
     wrong
 }
 
-/// The surface area, and the first iteration of as-rigid-as-possible deformation: its rotations are identities, so the
-/// positions move by the field that is harmonic, for weights clamped per edge, off the handles.
+/// The surface area, and as-rigid-as-possible deformation after one and after five iterations.
 fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
     let mut wrong = Vec::new();
     let area = number(&golden["open3d"]["area"]);
@@ -164,34 +171,72 @@ fn compare_open3d(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
     compare(&mut wrong, "area".into(), ours, area, AREA_LIMIT, area);
     if golden["open3d"]["handles"].is_array() {
         let handles = rows(&golden["open3d"]["handles"]);
-        let moved = first_arap_iteration(mesh, &handles);
-        for row in rows(&golden["open3d"]["after_1"]) {
-            for axis in 0..3 {
-                let what = format!("deformed position {} axis {axis}", row[0]);
-                compare(
-                    &mut wrong,
-                    what,
-                    moved[row[0] as usize][axis],
-                    row[1 + axis],
-                    ARAP_LIMIT,
-                    mesh.diagonal(),
-                );
+        // Open3D's first iteration is the step that comes before all of ours.
+        for (after, iterations) in [("after_1", 0), ("after_5", 4)] {
+            let moved = deformed(mesh, &handles, Weights::ClampedPerEdge, iterations);
+            for row in rows(&golden["open3d"][after]) {
+                for axis in 0..3 {
+                    let what = format!("position {} axis {axis}, {after}", row[0]);
+                    let ours = moved[row[0] as usize][axis];
+                    compare(&mut wrong, what, ours, row[1 + axis], ARAP_LIMIT, mesh.diagonal());
+                }
             }
         }
     }
     wrong
 }
 
-fn first_arap_iteration(mesh: &TriangleMesh, handles: &[Vec<f64>]) -> Vec<[f64; 3]> {
-    let x = mesh.positions();
-    let vertices: Vec<u32> = handles.iter().map(|row| row[0] as u32).collect();
-    let shift =
-        |row: &Vec<f64>| std::array::from_fn::<f64, 3, _>(|axis| row[1 + axis] - x[row[0] as usize][axis]);
-    let shifts: Vec<f64> = handles.iter().flat_map(shift).collect();
-    let l = Laplacian::assemble(mesh, Weights::ClampedPerEdge).into_matrix();
-    let backend = registry::find("faer-llt").expect("a built-in backend");
-    let field = harmonic(mesh, l, &vertices, &shifts, backend).expect("faer is a default feature");
-    (0..x.len()).map(|v| std::array::from_fn(|axis| x[v][axis] + field[3 * v + axis])).collect()
+/// libigl's deformation by the same handles, and the distances of libigl and potpourri3d from one vertex.
+fn compare_pipelines(golden: &Value, mesh: &TriangleMesh) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let pipelines = &golden["pipelines"];
+    if !pipelines.is_object() {
+        return wrong;
+    }
+    let moved = deformed(mesh, &rows(&golden["open3d"]["handles"]), Weights::Plain, 5);
+    for row in rows(&pipelines["igl_arap"]) {
+        for axis in 0..3 {
+            let what = format!("position {} axis {axis} of libigl", row[0]);
+            let ours = moved[row[0] as usize][axis];
+            compare(&mut wrong, what, ours, row[1 + axis], IGL_ARAP_LIMIT, mesh.diagonal());
+        }
+    }
+    let source = number(&pipelines["source"]) as u32;
+    let of = |mass| GeodesicProblem::new(mesh, mass).expect("usable");
+    let libigl = distances(&of(Mass::Voronoi), source);
+    let potpourri = distances(&of(Mass::Barycentric).shifted(POTPOURRI_SHIFT), source);
+    for row in rows(&pipelines["distances"]) {
+        for (name, ours, theirs) in [("libigl", &libigl, row[1]), ("potpourri3d", &potpourri, row[2])] {
+            let what = format!("distance of {} by {name}", row[0]);
+            compare(&mut wrong, what, ours[row[0] as usize], theirs, DISTANCE_LIMIT, mesh.diagonal());
+        }
+    }
+    wrong
+}
+
+/// Distances from `source` by the heat method.
+fn distances(problem: &GeodesicProblem, source: u32) -> Vec<f64> {
+    let entry = registry::find("framechol-f64").expect("a built-in backend");
+    let backend = (entry.open)(&OpenOptions::default()).expect("always there");
+    let mut geodesic = Geodesic::prepare(&*backend, problem, &mut |_| {}).expect("positive definite");
+    let mut distances = vec![0.0; problem.vertices()];
+    geodesic.solve(&[source], &mut distances).expect("finite");
+    distances
+}
+
+/// As-rigid-as-possible deformation of a closed mesh; clamped per edge the weights are those of Open3D.
+fn deformed(mesh: &TriangleMesh, handles: &[Vec<f64>], weights: Weights, iterations: u32) -> Vec<[f64; 3]> {
+    let mut sorted = handles.to_vec();
+    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let vertices: Vec<u32> = sorted.iter().map(|row| row[0] as u32).collect();
+    let targets: Vec<[f64; 3]> = sorted.iter().map(|row| [row[1], row[2], row[3]]).collect();
+    let problem = ArapProblem::new(mesh, &vertices, weights).expect("golden handles are valid");
+    let entry = registry::find("framechol-f64").expect("a built-in backend");
+    let backend = (entry.open)(&OpenOptions::default()).expect("always there");
+    let mut arap = Arap::prepare(&*backend, &problem, &mut |_| {}).expect("positive definite");
+    let mut positions = mesh.positions().to_vec();
+    arap.solve(&targets, iterations, &mut positions).expect("finite");
+    positions
 }
 
 /// The field that is harmonic for `l` off `vertices`; `None`, with a line that says why, where the backend is not built in.
@@ -236,6 +281,7 @@ fn compare_mesh(golden: &Value, path: &Path) -> Vec<String> {
     ));
     wrong.extend(compare_default_constraints(golden, mesh, &l));
     wrong.extend(compare_open3d(golden, mesh));
+    wrong.extend(compare_pipelines(golden, mesh));
     let small = l.n() <= EVERY_BACKEND_UP_TO;
     for backend in registry::BACKENDS.iter().filter(|backend| small || backend.id == "faer-llt") {
         wrong.extend(compare_harmonic(golden, mesh, &l, backend));

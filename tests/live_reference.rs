@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use lapbench::mesh_io;
 use lapbench::reference::igl::{self, IglValues};
+use lapbench::reference::pipelines::{self, Question};
 use lapbench::reference::{Agreement, Python, open3d};
 use lapsolve::backend::Backend;
 use lapsolve::laplacian::{Laplacian, Weights};
@@ -122,6 +123,32 @@ fn open3d_deforms_a_closed_mesh_in_the_same_way() {
     let agreement = open3d::compare_deformation(&python, &mesh, &handles, &targets, backend.as_ref());
     let agreement = agreement.unwrap_or_else(|error| panic!("{error}"));
     assert!(agreement.holds() && agreement.compared == 3 * x.len(), "{agreement:?}");
+}
+
+/// Deformation and distances on closed, well-shaped meshes: Open3D, libigl, and potpourri3d where it is installed.
+fn assert_pipelines_agree(python: &Python, path: &Path) {
+    let mesh = mesh(path);
+    let (backend, _) = solver();
+    let (handles, targets) = lapsolve::workload::arap::defaults::handles(&mesh);
+    let question = Question { handles: &handles, targets: &targets, iterations: 5, source: 7 };
+    let agreements = pipelines::compare(python, &mesh, question, backend.as_ref());
+    let agreements = agreements.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    assert!(agreements.len() >= 3);
+    assert_agreement(path, &agreements);
+}
+
+#[test]
+fn committed_meshes_deform_and_measure_as_elsewhere() {
+    let Some(python) = needs::reference().map(Python::at) else { return };
+    assert_pipelines_agree(&python, &committed("sphere_2.obj"));
+}
+
+#[test]
+fn real_meshes_deform_and_measure_as_elsewhere() {
+    let (Some(python), Some(data)) = (needs::reference().map(Python::at), needs::data()) else { return };
+    for name in ["meshes/femur_8k.ply", "meshes/smpl_woman_14k.ply"] {
+        assert_pipelines_agree(&python, &data.join(name));
+    }
 }
 
 #[test]

@@ -217,10 +217,42 @@ fn check(peer: &Peer, mut session: Session, described: &Described, case: &Case) 
 #[test]
 fn installed_peers_solve_what_they_are_given() {
     let case = Case::new();
-    for peer in peers::catalogue() {
+    for peer in peers::catalogue().into_iter().filter(|peer| peer.takes.is_none()) {
         match start(&peer) {
             Ok((session, described)) => check(&peer, session, &described, &case),
             Err(reason) => needs::skip(Need::Peers, &format!("{}: {reason}", peer.id)),
+        }
+    }
+}
+
+/// Every peer that takes a whole pipeline, in a run beside ours: checked there against a refined answer.
+#[test]
+fn installed_peers_of_pipelines_give_right_answers() {
+    for peer in peers::catalogue() {
+        let Some(workload) = &peer.takes else { continue };
+        match start(&peer) {
+            Ok((session, _)) => session.quit(),
+            Err(reason) => {
+                needs::skip(Need::Peers, &format!("{}: {reason}", peer.id));
+                continue;
+            }
+        }
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let out = folder.path().join("r.json");
+        let arguments = format!(
+            "run --quick --mesh sphere:4 --cell-time 0.1 --workload {workload} --backend framechol-f64,{}",
+            peer.id
+        );
+        let output = Command::new(env!("CARGO_BIN_EXE_lapbench-faulty"))
+            .args(arguments.split(' '))
+            .arg("--out")
+            .arg(&out)
+            .output()
+            .expect("the program starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        for cell in lapbench::record::file::read(&out).expect("a result file").cells {
+            assert_eq!(cell.status, Status::Ok, "{}: {:?}", cell.backend, cell.reason);
+            assert!(cell.accuracy.forward_error.is_some() && cell.solve_ns.p50.is_some(), "{}", cell.backend);
         }
     }
 }

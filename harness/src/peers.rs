@@ -22,6 +22,8 @@ pub struct Peer {
     pub division: Option<Division>,
     /// SPDX expression of the library that does the work.
     pub licence: String,
+    /// The one workload that it takes, where it is not made for systems.
+    pub takes: Option<String>,
 }
 
 /// Why a peer cannot be started.

@@ -9,7 +9,9 @@ use tests::needs::{self, Need};
 /// `folder`/kept afterwards. `None` where this machine lets nobody mount.
 fn on_a_disk(folder: &Path, options: &str, arguments: &str) -> Option<Output> {
     let (disk, kept) = (folder.join("disk"), folder.join("kept"));
-    [&disk, &kept].map(|path| std::fs::create_dir_all(path).expect("a folder"));
+    for path in [&disk, &kept] {
+        std::fs::create_dir_all(path).expect("a folder");
+    }
     let script = r#"mount -t tmpfs -o "$1" tmpfs "$2" || exit 99; disk=$2; kept=$3; shift 3; "$@"; code=$?
         cp -r "$disk"/. "$kept"; exit $code"#;
     let output = Command::new("unshare")

@@ -92,7 +92,7 @@ fn a_clock_that_flatters_is_invalid() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (script, out) = (folder.path().join("peer.py"), folder.path().join("r.json"));
     std::fs::write(&script, FLATTERING).expect("written");
-    let program_path = super::program().get_program().to_owned();
+    let program_path = program().get_program().to_owned();
     let output = program()
         .args("run --quick --mesh sphere:4 --workload harmonic --threads 1 --cell-time 1 --out".split(' '))
         .arg(&out)

@@ -5,6 +5,7 @@ mod faults;
 mod foreign;
 mod forms;
 mod kills;
+mod workloads;
 
 use lapbench::record::result::{Cell, ResultFile};
 use std::path::Path;

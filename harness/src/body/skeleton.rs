@@ -1,6 +1,6 @@
 //! Joints and bones of a body, named and placed by its anatomy.
 
-use super::build::Proportions;
+use super::build::{Build, Proportions};
 use crate::vector::{Vector, lerp};
 
 /// A rigid segment from its joint (`head`) to its end (`tail`), in metres; it turns about `head`.
@@ -67,6 +67,11 @@ impl Skeleton {
             }
         }
         Self { bones }
+    }
+
+    /// The skeleton of a body in its reference pose, without its surface.
+    pub fn of(build: Build) -> Self {
+        Self::new(&Proportions::new(build))
     }
 
     /// Index of the bone with this name.

@@ -2,7 +2,7 @@
 
 use super::Outcome;
 use crate::engine::inputs::Inputs;
-use crate::engine::source::{Content, Name};
+use crate::engine::source::{Content, Name, Source};
 use crate::engine::task;
 use crate::engine::workload::Workload;
 use crate::exit::Exit;
@@ -11,7 +11,6 @@ use anyhow::Context;
 use clap::ValueEnum;
 use lapsolve::laplacian::{Laplacian, Weights};
 use lapsolve::mass::{self, Mass};
-use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::Entry;
 use lapsolve::sparse::SymmetricCsr;
 use std::path::PathBuf;
@@ -66,7 +65,7 @@ pub fn run(args: &Args, context: &super::Context) -> Outcome {
     let matrix = match args.which {
         Which::Stiffness => Laplacian::assemble(mesh, Weights::Plain).into_matrix(),
         Which::Mass(kind) => diagonal(&mass::lumped(mesh, kind))?,
-        Which::System(workload) => system(workload, mesh, &args.inputs, &context.backends)?,
+        Which::System(workload) => system(workload, &source, &args.inputs, &context.backends)?,
     };
     let symmetry = if args.general { Symmetry::General } else { Symmetry::Symmetric };
     matrix_market::write(&args.out, &matrix, symmetry)?;
@@ -81,11 +80,11 @@ fn diagonal(entries: &[f64]) -> anyhow::Result<SymmetricCsr> {
 
 fn system(
     workload: Workload,
-    mesh: &TriangleMesh,
+    source: &Source,
     inputs: &Inputs,
     backends: &[Entry],
 ) -> anyhow::Result<SymmetricCsr> {
-    let equations = task::equations(workload, &Content::Mesh(mesh.clone()), inputs, backends)?;
+    let equations = task::equations(workload, source, inputs, backends)?;
     let (system, _) = equations.reduced().context("every vertex is constrained: there is no system")?;
     Ok(system.matrix().clone())
 }

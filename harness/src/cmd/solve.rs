@@ -19,12 +19,15 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The mesh
-    #[arg(long, value_name = "MESH", required_unless_present = "matrix")]
+    #[arg(long, value_name = "MESH", required_unless_present_any = ["matrix", "angles"])]
     mesh: Option<String>,
     /// An SPD matrix instead of a mesh, MatrixMarket
     #[arg(long, value_name = "FILE.mtx", conflicts_with = "mesh")]
     matrix: Option<String>,
-    /// The workload; a matrix has its own
+    /// Joint angles instead of a mesh, for `smoothing`: one row per frame, without jumps by whole turns
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["mesh", "matrix"])]
+    angles: Option<String>,
+    /// The workload; a matrix and a table of angles have their own
     #[arg(long, value_name = "WORKLOAD", value_enum, default_value_t = Workload::Harmonic)]
     workload: Workload,
     /// The backend
@@ -54,9 +57,10 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let Some(entry) = context.backend(&args.backend) else {
         return Ok(context.unknown_backend(&args.backend));
     };
-    let (name, workload) = match (&args.mesh, &args.matrix) {
-        (_, Some(matrix)) => (Name::Matrix(matrix.clone()), Workload::Matrix),
-        (mesh, None) => (Name::Mesh(mesh.clone().unwrap_or_default()), args.workload),
+    let (name, workload) = match (&args.mesh, &args.matrix, &args.angles) {
+        (_, Some(matrix), _) => (Name::Matrix(matrix.clone()), Workload::Matrix),
+        (.., Some(angles)) => (Name::Sequence(angles.clone()), Workload::Smoothing),
+        (mesh, None, None) => (Name::Mesh(mesh.clone().unwrap_or_default()), args.workload),
     };
     let workspace = Workspace::new()?;
     let source = name.load(args.inputs.subdivide)?;

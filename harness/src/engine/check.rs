@@ -1,6 +1,7 @@
 //! The parent checks every answer itself: the equations of a task, a reference solution, and what follows for its cells.
 
 use super::equations::Equations;
+use super::task::pipeline::Pipeline;
 use crate::record::result::Accuracy;
 use crate::verify::reference::Reference;
 use crate::verify::solution::{Checked, Tolerance, check_solution};
@@ -18,6 +19,66 @@ pub struct Check {
     reference: Option<Reference>,
     scale: f64,
     forward: ForwardLimit,
+}
+
+/// What the answers of a cell are held against: equations, or the refined answer of a whole pipeline.
+#[derive(Debug)]
+pub enum Judge {
+    /// The answer solves one system.
+    Equations(Check),
+    /// The answer comes out of several solves and steps between them.
+    Pipeline(Pipeline),
+}
+
+impl Judge {
+    /// Rows of an answer.
+    pub fn rows(&self) -> usize {
+        match self {
+            Judge::Equations(check) => check.equations.rows(),
+            Judge::Pipeline(pipeline) => pipeline.rows(),
+        }
+    }
+
+    /// Columns of an answer.
+    pub fn columns(&self) -> usize {
+        match self {
+            Judge::Equations(check) => check.equations.columns(),
+            Judge::Pipeline(pipeline) => pipeline.columns(),
+        }
+    }
+
+    /// Unknowns of the (larger) system that is solved.
+    pub fn unknowns(&self) -> usize {
+        match self {
+            Judge::Equations(check) => check.equations.unknowns(),
+            Judge::Pipeline(pipeline) => pipeline.unknowns(),
+        }
+    }
+
+    /// An answer as one row per vertex.
+    pub fn on_vertices(&self, x: Vec<f64>) -> Vec<f64> {
+        match self {
+            Judge::Equations(check) => check.equations.on_vertices(&x),
+            Judge::Pipeline(_) => x,
+        }
+    }
+
+    /// Checks `x` (rows x columns) against the limits of its class; `convention` names the definition that the solver follows
+    /// where there are several.
+    pub fn solution(&self, x: &[f64], limits: &Limits, convention: Option<&str>) -> Checked {
+        match self {
+            Judge::Equations(check) => check.solution(x, limits),
+            Judge::Pipeline(pipeline) => pipeline.check(x, limits, convention),
+        }
+    }
+
+    /// Checks `x` in the same equations with other values. A pipeline has none: nothing is found.
+    pub fn updated(&self, equations: &Equations, x: &[f64], limits: &Limits) -> Checked {
+        match self {
+            Judge::Equations(check) => check.updated(equations, x, limits),
+            Judge::Pipeline(_) => Checked { accuracy: Accuracy::default(), faults: Vec::new() },
+        }
+    }
 }
 
 /// The forward limit that applies to a workload; none where it cannot be certified for any backend.

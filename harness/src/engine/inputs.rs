@@ -6,8 +6,8 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Inputs")]
 pub struct Inputs {
-    /// Constraints of `harmonic`: rows `vertex, g_1 .. g_k`
-    #[arg(long, value_name = "FILE.csv")]
+    /// Constraints of `harmonic`: rows `vertex, g_1 .. g_k`; handles of `arap`: rows `vertex, x, y, z`
+    #[arg(long, value_name = "FILE.csv", visible_alias = "handles")]
     pub constraints: Option<PathBuf>,
     /// Right-hand side of system workloads, one row per vertex
     #[arg(long, value_name = "FILE.npy")]
@@ -30,6 +30,21 @@ pub struct Inputs {
     /// tau of `screened`: 1e-4 is nearly the mass matrix, 1e6 nearly the singular Laplacian
     #[arg(long, value_name = "TAU", default_value_t = lapsolve::workload::screened::DEFAULT_TAU)]
     pub tau: f64,
+    /// Bones of `skinning`, one segment per row: `x1, y1, z1, x2, y2, z2` [default: 22 segments; of bodies their own bones]
+    #[arg(long, value_name = "FILE.csv")]
+    pub bones: Option<PathBuf>,
+    /// Strength of the heat of `skinning`; large: every vertex follows its nearest bone alone
+    #[arg(long, value_name = "C", default_value_t = lapsolve::workload::skinning::HEAT)]
+    pub heat: f64,
+    /// lambda of `smoothing`, the weight of second differences
+    #[arg(long, value_name = "LAMBDA", default_value_t = lapsolve::workload::smoothing::LAMBDA)]
+    pub lambda: f64,
+    /// Iterations of `arap`
+    #[arg(long, value_name = "N", default_value_t = lapsolve::workload::arap::ITERATIONS, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    pub iterations: u32,
+    /// Sources of `geodesic`: one vertex per row [default: the smallest (x, y, z) of every component]
+    #[arg(long, value_name = "FILE.csv")]
+    pub sources: Option<PathBuf>,
     /// Loop subdivision of every mesh, N times
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=6))]
     pub subdivide: u32,

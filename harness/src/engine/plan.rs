@@ -143,6 +143,7 @@ impl Plan {
         match name {
             Name::Mesh(_) => self.workloads.iter().copied().filter(|w| w.needs_mesh()).collect(),
             Name::Matrix(_) => vec![Workload::Matrix],
+            Name::Sequence(_) => vec![Workload::Smoothing],
         }
     }
 

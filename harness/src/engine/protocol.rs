@@ -59,7 +59,7 @@ pub enum Request {
     },
     /// Solve `warmup + times` times and time the last `times` solves: [`Timed`]. Every solve starts from x = 0.
     Solve {
-        /// Right-hand side (`system`: n x k) or constraint values (`harmonic`: |C| x k), f64.
+        /// Right-hand side (`system`: n x k) or constraint values (`harmonic`: |C| x k), f64; see [`Problem`] for the others.
         rhs: ArrayFile,
         /// Solves that are done first and not timed.
         warmup: u32,
@@ -149,6 +149,22 @@ pub enum Problem {
         /// Corresponding triangles (template, target), u32.
         marks: ArrayFile,
     },
+    /// As-rigid-as-possible deformation ([`lapsolve::workload::arap`]). A right-hand side holds the handles' positions, one row
+    /// per handle; a solution those of all vertices after the first global step and `iterations` iterations.
+    Arap {
+        /// The mesh in its reference pose.
+        mesh: MeshFiles,
+        /// Handles, ascending, u32.
+        handles: ArrayFile,
+        /// Iterations of every solve.
+        iterations: u32,
+    },
+    /// Distances by the heat method ([`lapsolve::workload::geodesic`]). A right-hand side is 1 at the sources and 0 elsewhere;
+    /// a solution holds one distance per vertex, infinite where no source is reached.
+    Geodesic {
+        /// The mesh.
+        mesh: MeshFiles,
+    },
 }
 
 /// A symmetric matrix: upper triangle by rows, columns ascending, the diagonal entry first in each row.
@@ -191,7 +207,8 @@ pub struct Described {
     /// Largest system it takes.
     #[serde(default)]
     pub max_unknowns: Option<usize>,
-    /// Versions, build flags, tuning.
+    /// Versions, build flags, tuning. `convention` names the program whose definition of a pipeline the answers follow where
+    /// definitions differ (`open3d`, `libigl`, `geometry-central`); they are checked against a refined answer of that definition.
     #[serde(default)]
     pub details: BTreeMap<String, String>,
 }

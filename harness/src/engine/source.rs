@@ -2,7 +2,7 @@
 
 use crate::body::Build;
 use crate::environment::hexadecimal;
-use crate::mesh_io::{Loaded, matrix_market};
+use crate::mesh_io::{Loaded, matrix_market, table};
 use crate::mesh_source;
 use crate::record::result::Mesh;
 use crate::subdivision::Subdivision;
@@ -35,6 +35,17 @@ pub enum Content {
     Mesh(TriangleMesh),
     /// An SPD matrix.
     Matrix(SymmetricCsr),
+    /// A sequence of joint angles.
+    Sequence(Sequence),
+}
+
+/// Joint angles, frame after frame.
+#[derive(Clone, Debug)]
+pub struct Sequence {
+    /// The angles, frames x columns.
+    pub angles: Vec<f64>,
+    /// Angles per frame.
+    pub columns: usize,
 }
 
 /// How a source is named on the command line.
@@ -44,12 +55,14 @@ pub enum Name {
     Mesh(String),
     /// `--matrix`: a MatrixMarket file.
     Matrix(String),
+    /// `--angles`: a table of joint angles.
+    Sequence(String),
 }
 
 impl Name {
     /// The name in results: files without their folder.
     pub fn short(&self) -> String {
-        let (Name::Mesh(name) | Name::Matrix(name)) = self;
+        let (Name::Mesh(name) | Name::Matrix(name) | Name::Sequence(name)) = self;
         Path::new(name).file_name().map_or_else(|| name.clone(), |file| file.to_string_lossy().into_owned())
     }
 
@@ -86,6 +99,11 @@ impl Name {
                 let sha256 = matrix_checksum(&matrix);
                 (Content::Matrix(matrix), sha256, Vec::new())
             }
+            Name::Sequence(name) => {
+                let (columns, angles) = table::read_rows(Path::new(name))?;
+                let sha256 = numbers_checksum(&angles);
+                (Content::Sequence(Sequence { angles, columns }), sha256, Vec::new())
+            }
         };
         let load_ns = begin.elapsed().as_nanos() as u64;
         for note in notes {
@@ -94,6 +112,7 @@ impl Name {
         let (triangles, vertices) = match &content {
             Content::Mesh(mesh) => (Some(mesh.triangles().len()), mesh.positions().len()),
             Content::Matrix(matrix) => (None, matrix.n()),
+            Content::Sequence(sequence) => (None, sequence.angles.len() / sequence.columns),
         };
         let name = self.recorded(subdivide);
         let record = Mesh { name, triangles, vertices: Some(vertices), sha256: Some(sha256) };
@@ -109,6 +128,13 @@ impl Name {
             _ => None,
         }
     }
+}
+
+/// SHA-256 of numbers, little endian.
+fn numbers_checksum(numbers: &[f64]) -> String {
+    let mut hash = Sha256::new();
+    numbers.iter().for_each(|x| hash.update(x.to_le_bytes()));
+    hexadecimal(&hash.finalize())
 }
 
 /// SHA-256 of row starts, column indices (u32) and values (f64), little endian.

@@ -22,13 +22,21 @@ pub enum Workload {
     /// (L M^-1 L M^-1 L + M) u = M x, k = 3
     #[value(name = "kharmonic-3")]
     Kharmonic3,
+    /// Bone weights by heat equilibrium: (L + M H) w = M H p, one column per bone
+    Skinning,
+    /// Joint angles made smooth: (I + lambda D'D) b = a, five diagonals, one column per angle
+    Smoothing,
+    /// As-rigid-as-possible deformation by handles: local rotations and a global solve, ten times
+    Arap,
+    /// Distances along the surface by the heat method: two solves
+    Geodesic,
     /// A x = b for a matrix given with --matrix
     Matrix,
 }
 
 impl Workload {
     /// All workloads.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 12] = [
         Self::Harmonic,
         Self::Transfer,
         Self::Poisson,
@@ -36,6 +44,10 @@ impl Workload {
         Self::Kharmonic1,
         Self::Kharmonic2,
         Self::Kharmonic3,
+        Self::Skinning,
+        Self::Smoothing,
+        Self::Arap,
+        Self::Geodesic,
         Self::Matrix,
     ];
 
@@ -49,6 +61,10 @@ impl Workload {
             Workload::Kharmonic1 => "kharmonic-1",
             Workload::Kharmonic2 => "kharmonic-2",
             Workload::Kharmonic3 => "kharmonic-3",
+            Workload::Skinning => "skinning",
+            Workload::Smoothing => "smoothing",
+            Workload::Arap => "arap",
+            Workload::Geodesic => "geodesic",
             Workload::Matrix => "matrix",
         }
     }

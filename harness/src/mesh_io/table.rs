@@ -45,6 +45,22 @@ pub fn read_columns(path: &Path, n: usize) -> Result<(usize, Vec<f64>), FileErro
     parse_columns(&file::read(path)?, n).map_err(|fault| fault.in_file(path))
 }
 
+/// Reads rows of the same number k of values, as many as there are (at least one). Returns k and the values, row after row.
+///
+/// # Errors
+/// [`FileError`] naming the line of a malformed row; and for a file without rows.
+pub fn read_rows(path: &Path) -> Result<(usize, Vec<f64>), FileError> {
+    parse_rows(&file::read(path)?).map_err(|fault| fault.in_file(path))
+}
+
+/// Reads vertices of a mesh with `n`, one per row, in file order.
+///
+/// # Errors
+/// [`FileError`] naming the line of a malformed row or a vertex out of range; and for a file without rows.
+pub fn read_vertices(path: &Path, n: usize) -> Result<Vec<u32>, FileError> {
+    parse_vertices(&file::read(path)?, n).map_err(|fault| fault.in_file(path))
+}
+
 /// Writes rows of k values, atomically.
 ///
 /// # Errors
@@ -109,6 +125,45 @@ pub fn parse_constraints(bytes: &[u8], n: usize) -> Result<Constraints, Fault> {
 /// # Errors
 /// A fault naming the line.
 pub fn parse_columns(bytes: &[u8], n: usize) -> Result<(usize, Vec<f64>), Fault> {
+    let (rows, k, values) = parse_at_most(bytes, n)?;
+    if rows < n {
+        return Err(Fault::new(format!("has {rows} rows, expected {n}"), "give one row per vertex"));
+    }
+    Ok((k, values))
+}
+
+/// See [`read_rows`].
+///
+/// # Errors
+/// A fault naming the line.
+pub fn parse_rows(bytes: &[u8]) -> Result<(usize, Vec<f64>), Fault> {
+    match parse_at_most(bytes, usize::MAX)? {
+        (0, ..) => Err(Fault::new("has no rows", "write numbers separated by commas, one row per line")),
+        (_, k, values) => Ok((k, values)),
+    }
+}
+
+/// See [`read_vertices`].
+///
+/// # Errors
+/// A fault naming the line.
+pub fn parse_vertices(bytes: &[u8], n: usize) -> Result<Vec<u32>, Fault> {
+    let mut vertices = Vec::new();
+    for line in data_lines(bytes) {
+        let mut fields = Fields::of(line);
+        vertices.push(in_range(&line, fields.next(), "vertex", n)?);
+        if fields.next().is_some() {
+            return Err(line.fault("more than one value", "write one vertex to a line"));
+        }
+    }
+    if vertices.is_empty() {
+        return Err(Fault::new("has no vertices", "write one vertex to a line"));
+    }
+    Ok(vertices)
+}
+
+/// Rows (no more than `n`), values per row, and the values.
+fn parse_at_most(bytes: &[u8], n: usize) -> Result<(usize, usize, Vec<f64>), Fault> {
     let (mut values, mut rows, mut k) = (Vec::new(), 0, 0);
     for line in data_lines(bytes) {
         let before = values.len();
@@ -125,10 +180,7 @@ pub fn parse_columns(bytes: &[u8], n: usize) -> Result<(usize, Vec<f64>), Fault>
             return Err(line.fault(format!("more than {n} rows"), "give one row per vertex"));
         }
     }
-    if rows < n {
-        return Err(Fault::new(format!("has {rows} rows, expected {n}"), "give one row per vertex"));
-    }
-    Ok((k, values))
+    Ok((rows, k, values))
 }
 
 /// See [`read_pairs`].
@@ -237,6 +289,17 @@ mod tests {
             let fault = parse_columns(file.as_bytes(), 2).unwrap_err().to_string();
             assert!(fault.contains(part), "{file:?}: {fault}");
         }
+    }
+
+    #[test]
+    fn rows_and_vertices_without_a_known_number() {
+        assert_eq!(parse_rows(b"a b\n1,2\n3 4\n5 6"), Ok((2, vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0])));
+        assert_eq!(parse_vertices(b"vertex\n3\n 0 \n", 4), Ok(vec![3, 0]));
+        for (file, part) in [("", "no vertices"), ("4\n", "out of range"), ("1 2\n", "more than one")] {
+            let fault = parse_vertices(file.as_bytes(), 4).unwrap_err().to_string();
+            assert!(fault.contains(part), "{file:?}: {fault}");
+        }
+        assert!(parse_rows(b"# nothing\n").is_err() && parse_rows(b"1 2\n3\n").is_err());
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 pub mod igl;
 pub mod open3d;
+pub mod pipelines;
 mod python;
 
 pub use python::{Python, ReferenceError};

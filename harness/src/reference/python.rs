@@ -12,11 +12,12 @@ use crate::file::FileError;
 use crate::mesh_io::{self, npy};
 
 /// The programs, by file name; they import each other.
-const PROGRAMS: [(&str, &str); 4] = [
+const PROGRAMS: [(&str, &str); 5] = [
     ("mesh_files.py", include_str!("../../../reference/mesh_files.py")),
     ("default_constraints.py", include_str!("../../../reference/default_constraints.py")),
     ("igl_reference.py", include_str!("../../../reference/igl_reference.py")),
     ("open3d_reference.py", include_str!("../../../reference/open3d_reference.py")),
+    ("pipelines_reference.py", include_str!("../../../reference/pipelines_reference.py")),
 ];
 
 /// Why a reference has nothing to say.

@@ -6,10 +6,13 @@
 
 pub mod agreement;
 pub mod analytic;
+pub mod arap;
 pub mod behaviour;
 pub mod condition;
+pub mod conventions;
 pub mod equations;
 pub mod finding;
+pub mod geodesic;
 pub mod matrix;
 pub mod motion;
 #[cfg(feature = "mutants")]
@@ -17,6 +20,8 @@ pub mod mutants;
 pub mod noise;
 pub mod reference;
 pub mod refined;
+pub mod skinning;
+pub mod smoothing;
 pub mod solution;
 pub mod subject;
 pub mod suite;

@@ -4,7 +4,7 @@ use super::behaviour::Field;
 use super::equations;
 use super::finding::Findings;
 use super::subject::{Discretisation, Subject};
-use super::{analytic, matrix, motion};
+use super::{analytic, arap, geodesic, matrix, motion, skinning, smoothing};
 use crate::shapes;
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::Entry;
@@ -23,6 +23,8 @@ pub fn analytic(
     }
     analytic::linear_precision(33, subjects, discretisation, &mut findings);
     analytic::convergence(subjects, &mut findings);
+    smoothing::check(subjects, &mut findings);
+    geodesic::check(subjects, &mut findings);
     for name in ["sphere:3", "torus:16"] {
         let mesh = shapes::generate(name).and_then(Result::ok).expect("a generated shape");
         on_mesh(name, &mesh, subjects, discretisation, trusted, true, &mut findings);
@@ -71,6 +73,8 @@ fn on_mesh(
         Field::of(mesh, subject).check(subject, must_converge, findings);
     }
     motion::check(name, mesh, subjects, must_converge, findings);
+    skinning::check(name, mesh, subjects, must_converge, findings);
+    arap::check(name, mesh, subjects, must_converge, findings);
 }
 
 /// Two spheres of different size, apart, and a vertex that no triangle uses.

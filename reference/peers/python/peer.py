@@ -1,7 +1,7 @@
 """peer.py ID: serves one solver over the peer protocol, a JSON object per line on stdin, one per line on stdout.
 
 Times are taken here, by the monotonic clock: of `system` problems only the solve, the right-hand side being arranged as
-the library wants it before; of `harmonic` problems all of -L_FC g, solve, and spreading the field over the vertices.
+the library wants it before; of `harmonic` problems all of -L_FC g, solve, and spreading the field over the vertices; of pipelines the library's calls.
 """
 
 import json
@@ -13,8 +13,11 @@ import time
 
 import numpy as np
 
+from meshes import MESH_SOLVERS, MeshProblem
 from problem import Problem, Refusal, read
-from solvers import SOLVERS
+from solvers import SOLVERS as MATRIX_SOLVERS
+
+SOLVERS = {**MATRIX_SOLVERS, **MESH_SOLVERS}
 
 
 class Server:
@@ -38,8 +41,13 @@ class Server:
                 "device_type": "cpu", "threads": self.solver.threads, "details": details}
 
     def prepare(self, request):
-        self.problem = problem = Problem(request["problem"])
         self.max_columns = request["max_columns"]
+        kind = request["problem"]["kind"]
+        if self.solver.kind != {"harmonic": "system"}.get(kind, kind):
+            raise Refusal("unsupported", f"problems of kind {kind}")
+        if self.solver.kind != "system":
+            return self.prepare_mesh(request["problem"])
+        self.problem = problem = Problem(request["problem"])
         marks = [time.perf_counter_ns()]
         if hasattr(self.solver, "take_mesh"):
             self.solver.take_mesh(problem, self.is_whole())
@@ -50,6 +58,12 @@ class Server:
         if len(marks) == 3:
             return {"order_ns": marks[1] - marks[0], "numeric_ns": marks[2] - marks[1]}
         return {"numeric_ns": marks[1] - marks[0]}  # a library that does all in one call
+
+    def prepare_mesh(self, description):
+        self.problem = MeshProblem(description)
+        start = time.perf_counter_ns()
+        self.solver.prepare_mesh(self.problem)
+        return {"numeric_ns": time.perf_counter_ns() - start}
 
     def factorise(self, order):
         if self.knows_harmonic():
@@ -74,6 +88,8 @@ class Server:
     def stepper(self, b):
         """A function that solves once and returns the solution."""
         problem, solver = self.problem, self.solver
+        if solver.kind != "system":
+            return lambda: solver.solve(b)
         if problem.kind == "system":
             arranged = solver.arrange(b)
             return lambda: solver.solve(arranged)

@@ -28,6 +28,7 @@ def load(module, package=None):
 
 class Solver:
     precision, accuracy = "f64", "direct"
+    kind = "system"  # what problems it takes: systems and harmonic fields, or whole pipelines (meshes.py)
     iterations, factor_nonzeros = None, None
 
     def __init__(self, threads, tolerance):

@@ -1,6 +1,8 @@
 //! What is solved, from the two papers: each workload turns a mesh into systems and right-hand sides, generic over the
 //! [`crate::backend`] traits.
 
+pub mod arap;
+pub mod geodesic;
 pub mod harmonic;
 pub mod kharmonic;
 pub mod matrix;

@@ -2,16 +2,28 @@
 
 use super::{MOST_SOLVES, Running};
 use crate::engine::array_file::ArrayFile;
+use crate::engine::check::{Check, Judge};
 use crate::engine::protocol::{Prepared, Request};
 use crate::engine::session::Failure;
-use crate::engine::task::{Goal, Solve};
+use crate::engine::task::{Goal, Task};
 use crate::record::names::Status;
 use crate::record::result::{ColumnsRun, Summary};
 
+/// The equations whose columns can be more or fewer; none for frames and for pipelines, whose columns are given.
+fn equations_of(task: &Task) -> Option<&Check> {
+    match &task.goal {
+        Goal::Solve(solve) => match &solve.check {
+            Judge::Equations(check) => Some(check),
+            Judge::Pipeline(_) => None,
+        },
+        _ => None,
+    }
+}
+
 impl Running<'_> {
-    /// Prepares once more, for the most columns; nothing where the workload has frames instead of solves.
+    /// Prepares once more, for the most columns; nothing where the workload's columns are given.
     pub fn prepare_columns(&mut self) {
-        let (Goal::Solve(_), Some(&most)) = (&self.task.goal, self.settings.columns.iter().max()) else {
+        let (Some(_), Some(&most)) = (equations_of(self.task), self.settings.columns.iter().max()) else {
             return;
         };
         let problem = self.task.problem.clone();
@@ -21,18 +33,17 @@ impl Running<'_> {
 
     /// Times solves of `k` columns and checks the last one by its residual.
     pub fn columns(&mut self, k: usize) {
-        let task = self.task;
-        if let Goal::Solve(solve) = &task.goal
+        if let Some(check) = equations_of(self.task)
             && self.is_live()
         {
-            let outcome = self.time_columns(solve, k);
+            let outcome = self.time_columns(check, k);
             self.note(outcome);
         }
     }
 
-    fn time_columns(&mut self, solve: &Solve, k: usize) -> Result<(), Failure> {
+    fn time_columns(&mut self, check: &Check, k: usize) -> Result<(), Failure> {
         let cannot_write = |error| Failure::new(Status::Error, format!("cannot write columns: {error}"));
-        let equations = solve.check.equations.with_columns(k);
+        let equations = check.equations.with_columns(k);
         let (input, _) = equations.input();
         let rhs =
             ArrayFile::write(&self.solution.with_extension("columns"), input, k).map_err(cannot_write)?;
@@ -42,7 +53,7 @@ impl Running<'_> {
         let times = (slice / expected).clamp(1, MOST_SOLVES) as u32;
         let samples = self.solves_of(&rhs, u32::from(2 * expected <= slice), times)?;
         let x = super::process::read_block(&self.solution, equations.rows(), k)?;
-        let checked = solve.check.updated(&equations, &x, &self.limits);
+        let checked = check.updated(&equations, &x, &self.limits);
         if let [fault, ..] = checked.faults.as_slice() {
             return Err(Failure::new(Status::Invalid, format!("with {k} columns: {fault}")));
         }

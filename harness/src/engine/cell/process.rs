@@ -36,7 +36,7 @@ impl Running<'_> {
         self.cell.device_type = Some(described.device_type);
         self.cell.details = described.details;
         self.cell.threads_used = Some(described.threads);
-        if let Some(what) = self.task.beyond(described.precision) {
+        if let Some(what) = self.task.beyond(described.precision, self.iterative) {
             return Err(Failure::new(Status::Unsupported, what));
         }
         let unknowns = self.task.unknowns();

@@ -34,8 +34,7 @@ impl Running<'_> {
     }
 
     fn read_solution(&self, solve: &Solve) -> Result<Vec<f64>, Failure> {
-        let equations = &solve.check.equations;
-        read_block(&self.solution, equations.rows(), equations.columns())
+        read_block(&self.solution, solve.check.rows(), solve.check.columns())
     }
 
     fn check_solution(&mut self, solve: &Solve) -> Result<(), Failure> {
@@ -43,7 +42,8 @@ impl Running<'_> {
         if same_bits(&x, &self.verified) {
             return Ok(());
         }
-        let checked = solve.check.solution(&x, &self.limits);
+        let convention = self.cell.details.get("convention").map(String::as_str);
+        let checked = solve.check.solution(&x, &self.limits, convention);
         self.judge(checked)?;
         self.verified = x;
         Ok(())

@@ -42,7 +42,7 @@ impl Prepared {
                 harmonic.observe(None);
                 outcome
             }
-            Handle::Transfer(_) => return unsupported(),
+            Handle::Transfer(_) | Handle::Arap(..) | Handle::Geodesic(_) => return unsupported(),
         };
         match outcome {
             Ok(_) | Err(SolveError::NotConverged { .. }) => Ok(thinned(receiver.iter().collect())),

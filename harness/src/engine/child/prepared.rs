@@ -10,9 +10,13 @@ use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
 use lapsolve::error::PrepareError;
 use lapsolve::laplacian::Weights;
+use lapsolve::mass::Mass;
 use lapsolve::mesh::TriangleMesh;
+use lapsolve::poisson::PoissonError;
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
+use lapsolve::workload::arap::{Arap, ArapError, ArapProblem};
+use lapsolve::workload::geodesic::{Geodesic, GeodesicError, GeodesicProblem};
 use lapsolve::workload::transfer::{self, TransferError, TransferProblem};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -34,6 +38,8 @@ pub(super) enum Handle {
     System(Box<dyn Factor>),
     Harmonic(Box<dyn Harmonic>),
     Transfer(Box<dyn TransferFrame>),
+    Arap(Box<Arap>, u32),
+    Geodesic(Box<Geodesic>),
 }
 
 impl Prepared {
@@ -85,15 +91,52 @@ impl Prepared {
                 clock.stop();
                 Ok(Self { handle: Handle::Transfer(frames), inputs, outputs, entries: 0, max_columns })
             }
+            Problem::Arap { mesh, handles, iterations } => {
+                exactly(max_columns, 3)?;
+                let (mesh, handles) = (read_mesh(mesh)?, handles.read::<u32>()?);
+                let problem = ArapProblem::new(&mesh, &handles, Weights::ClampedPerEdge)?;
+                clock.restart();
+                let arap = Arap::prepare(backend, &problem, &mut |phase| clock.begin(phase))?;
+                clock.stop();
+                let handle = Handle::Arap(Box::new(arap), *iterations);
+                Ok(Self {
+                    handle,
+                    inputs: handles.len(),
+                    outputs: mesh.positions().len(),
+                    entries: 0,
+                    max_columns,
+                })
+            }
+            Problem::Geodesic { mesh } => {
+                exactly(max_columns, 1)?;
+                let mesh = read_mesh(mesh)?;
+                let problem = GeodesicProblem::new(&mesh, Mass::Barycentric)?;
+                clock.restart();
+                let geodesic = Geodesic::prepare(backend, &problem, &mut |phase| clock.begin(phase))?;
+                clock.stop();
+                let n = mesh.positions().len();
+                Ok(Self {
+                    handle: Handle::Geodesic(Box::new(geodesic)),
+                    inputs: n,
+                    outputs: n,
+                    entries: 0,
+                    max_columns,
+                })
+            }
         }
     }
 
     /// One solve from x = 0; only the solve itself is timed.
     fn solve_once(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Step, Refusal> {
         x.data_mut().fill(0.0);
+        let sources = self.sources(rhs)?;
         let before = allocation::count();
         let start = Instant::now();
         let solved = match &mut self.handle {
+            Handle::Arap(arap, iterations) => {
+                arap.solve(rhs.slice().as_chunks().0, *iterations, x.data_mut().as_chunks_mut().0)
+            }
+            Handle::Geodesic(geodesic) => geodesic.solve(&sources, x.data_mut()),
             Handle::System(factor) => factor.solve(rhs, x),
             Handle::Harmonic(harmonic) => harmonic.solve(rhs, x),
             Handle::Transfer(_) => return Err(failed("a transfer problem has frames, not solves")),
@@ -102,8 +145,18 @@ impl Prepared {
         Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
     }
 
+    /// The vertices that a right-hand side of distances names; none for other problems.
+    fn sources(&self, rhs: Columns<&[f64]>) -> Result<Vec<u32>, Refusal> {
+        let Handle::Geodesic(geodesic) = &self.handle else { return Ok(Vec::new()) };
+        let sources: Vec<u32> =
+            (0..).zip(rhs.slice()).filter(|&(_, &heat)| heat != 0.0).map(|(v, _)| v).collect();
+        geodesic.problem().check_sources(&sources)?;
+        Ok(sources)
+    }
+
     pub(super) fn rhs(&self, file: &ArrayFile) -> Result<Vec<f64>, Refusal> {
-        if file.columns > self.max_columns {
+        let whole = matches!(self.handle, Handle::Arap(..) | Handle::Geodesic(_));
+        if file.columns > self.max_columns || (whole && file.columns != self.max_columns) {
             return Err(failed(format!("{} columns, prepared for {}", file.columns, self.max_columns)));
         }
         read_rows(file, self.inputs, "rhs")
@@ -140,8 +193,8 @@ impl Prepared {
             match &mut self.handle {
                 Handle::System(factor) => factor.update_values(&values, &mut |_| {}),
                 Handle::Harmonic(harmonic) => harmonic.update_values(&values, &mut |_| {}),
-                Handle::Transfer(_) => {
-                    Err(PrepareError::Unsupported { what: "new values of a transfer".into() })
+                Handle::Transfer(_) | Handle::Arap(..) | Handle::Geodesic(_) => {
+                    Err(PrepareError::Unsupported { what: "new values of a whole pipeline".into() })
                 }
             }?;
             Ok(Step { elapsed: start.elapsed(), solved: Solved::default(), allocations: 0 })
@@ -224,6 +277,40 @@ impl Prepared {
             Handle::System(factor) => factor.footprint(),
             Handle::Harmonic(harmonic) => harmonic.footprint(),
             Handle::Transfer(frames) => frames.footprint(),
+            Handle::Arap(arap, iterations) => {
+                let one = arap.footprint();
+                let solves = u64::from(*iterations) + 1;
+                Footprint { bytes_per_solve: one.bytes_per_solve.map(|bytes| solves * bytes), ..one }
+            }
+            Handle::Geodesic(geodesic) => geodesic.footprint(),
+        }
+    }
+}
+
+/// Pipelines have inputs of one shape.
+fn exactly(columns: usize, expected: usize) -> Result<(), Refusal> {
+    if columns == expected {
+        return Ok(());
+    }
+    Err(failed(format!("{columns} columns, inputs of this problem have {expected}")))
+}
+
+impl From<ArapError> for Refusal {
+    fn from(error: ArapError) -> Self {
+        match error {
+            ArapError::Prepare(error) => error.into(),
+            other => failed(other.to_string()),
+        }
+    }
+}
+
+impl From<GeodesicError> for Refusal {
+    fn from(error: GeodesicError) -> Self {
+        match error {
+            GeodesicError::Prepare(error) | GeodesicError::Poisson(PoissonError::Prepare(error)) => {
+                error.into()
+            }
+            other => failed(other.to_string()),
         }
     }
 }

@@ -1,10 +1,13 @@
 //! A workload on a source: equations, reference, and the files that children read. Made once, for all cells.
 
 pub mod frames;
+pub mod pipeline;
+pub mod skinning;
+pub mod smoothing;
 pub mod transfer;
 
 use super::array_file::ArrayFile;
-use super::check::{Check, ForwardLimit};
+use super::check::{Check, ForwardLimit, Judge};
 use super::equations::Equations;
 use super::inputs::Inputs;
 use super::protocol::Problem;
@@ -57,8 +60,8 @@ pub enum Goal {
 /// Solves of one right-hand side.
 #[derive(Debug)]
 pub struct Solve {
-    /// Equations with reference.
-    pub check: Check,
+    /// What answers are held against.
+    pub check: Judge,
     /// The right-hand side or the constraint values.
     pub input: ArrayFile,
     /// Other values on the same pattern, to be refactored; none where the workload has no such values.
@@ -101,6 +104,9 @@ impl Task {
     ) -> anyhow::Result<Self> {
         match (workload, &source.content) {
             (Workload::Transfer, Content::Mesh(mesh)) => Self::frames(source, mesh, inputs, backends, folder),
+            (Workload::Arap | Workload::Geodesic, Content::Mesh(mesh)) => {
+                pipeline::task(workload, source, mesh, inputs, backends, folder)
+            }
             _ => Self::solves(workload, source, inputs, backends, folder),
         }
     }
@@ -113,7 +119,7 @@ impl Task {
         folder: PathBuf,
     ) -> anyhow::Result<Self> {
         let begin = Instant::now();
-        let equations = equations(workload, &source.content, inputs, backends)?;
+        let equations = equations(workload, source, inputs, backends)?;
         let assemble_ns = begin.elapsed().as_nanos() as u64;
         let updated = other_values(workload, source, inputs, backends, &equations);
         let (problem, input) = equations.write(&folder)?;
@@ -126,6 +132,7 @@ impl Task {
         if let Some(why) = &check.no_reference {
             eprintln!("{}: {workload}: no reference solution: {why}", source.record.name);
         }
+        let check = Judge::Equations(check);
         let goal = Goal::Solve(Box::new(Solve { check, input, update }));
         Ok(Self { workload, assemble_ns, problem, goal, folder })
     }
@@ -151,7 +158,7 @@ impl Task {
     /// Unknowns of the (largest) system that is solved.
     pub fn unknowns(&self) -> usize {
         match &self.goal {
-            Goal::Solve(solve) => solve.check.equations.unknowns(),
+            Goal::Solve(solve) => solve.check.unknowns(),
             Goal::Frames(frames) => frames.check.unknowns(),
         }
     }
@@ -178,15 +185,22 @@ impl Task {
     /// A checked solution as one row per vertex; vertices without an equation get 0.
     pub fn on_vertices(&self, x: Vec<f64>) -> Vec<f64> {
         match &self.goal {
-            Goal::Solve(solve) => solve.check.equations.on_vertices(&x),
+            Goal::Solve(solve) => solve.check.on_vertices(x),
             Goal::Frames(_) => x,
         }
     }
 
-    /// Why a solver of this precision is not asked: rounding in f32 exceeds what k >= 2 leaves.
-    pub fn beyond(&self, precision: Precision) -> Option<String> {
-        let steep = matches!(self.workload, Workload::Kharmonic2 | Workload::Kharmonic3);
-        (steep && precision != Precision::F64).then(|| format!("`{}` needs f64 throughout", self.workload))
+    /// Why a solver of this class is not asked: rounding in f32 exceeds what k >= 2 leaves; the heat of `geodesic` falls below
+    /// what f32 can hold and what a residual can see.
+    pub fn beyond(&self, precision: Precision, iterative: bool) -> Option<String> {
+        let steep = matches!(self.workload, Workload::Kharmonic2 | Workload::Kharmonic3 | Workload::Geodesic);
+        if steep && precision != Precision::F64 {
+            return Some(format!("`{}` needs f64 throughout", self.workload));
+        }
+        let decays = self.workload == Workload::Geodesic && iterative;
+        decays.then(|| {
+            "far from the source heat is below any tolerance: `geodesic` needs a direct solver".into()
+        })
     }
 
     /// `failure`, or the status that this workload has for it: the matrix of `kharmonic-3` may lose definiteness to rounding,
@@ -228,20 +242,29 @@ fn forward_limit(workload: Workload) -> ForwardLimit {
 /// Inputs that do not fit, or a system that is not acceptable.
 pub fn equations(
     workload: Workload,
-    content: &Content,
+    source: &Source,
     inputs: &Inputs,
     backends: &[Entry],
 ) -> anyhow::Result<Equations> {
-    match (workload, content) {
+    match (workload, &source.content) {
         (Workload::Matrix, Content::Matrix(matrix)) => of_matrix(matrix, inputs),
         (Workload::Harmonic, Content::Mesh(mesh)) => of_harmonic(mesh, inputs),
         (Workload::Poisson, Content::Mesh(mesh)) => of_poisson(mesh, inputs, backends),
         (Workload::Transfer, Content::Mesh(_)) => {
             Err(anyhow!("`transfer` is two systems; ask for `harmonic` or `poisson`"))
         }
+        (Workload::Arap | Workload::Geodesic, Content::Mesh(_)) => {
+            Err(anyhow!("`{workload}` is a pipeline around solves, not one system"))
+        }
+        (Workload::Skinning, Content::Mesh(mesh)) => skinning::equations(source, mesh, inputs),
+        (Workload::Smoothing, Content::Mesh(mesh)) => smoothing::of_size(mesh.positions().len(), inputs),
+        (Workload::Smoothing, Content::Sequence(sequence)) => smoothing::of_angles(sequence, inputs),
         (_, Content::Mesh(mesh)) => of_mass_and_stiffness(workload, mesh, inputs),
         (_, Content::Matrix(_)) => {
             Err(anyhow!("`{workload}` needs a mesh; a matrix has the workload `matrix`"))
+        }
+        (_, Content::Sequence(_)) => {
+            Err(anyhow!("`{workload}` needs a mesh; angles have the workload `smoothing`"))
         }
     }
 }
@@ -338,14 +361,21 @@ fn other_values(
     equations: &Equations,
 ) -> Option<Equations> {
     let mesh = match &source.content {
-        Content::Matrix(_) => {
+        Content::Mesh(mesh) if workload != Workload::Smoothing => mesh,
+        _ => {
             return equations.with_values(&equations.values().iter().map(|v| 2.0 * v).collect::<Vec<_>>());
         }
-        Content::Mesh(mesh) => mesh,
     };
     let stretched = mesh.positions().iter().map(|&[x, y, z]| [x, y, STRETCH * z]).collect();
     let stretched = mesh.with_positions(stretched).ok()?;
-    let other = self::equations(workload, &Content::Mesh(stretched), inputs, backends).ok()?;
+    let stretched = Source {
+        record: source.record.clone(),
+        load_ns: 0,
+        content: Content::Mesh(stretched),
+        unsubdivided: None,
+        body: source.body,
+    };
+    let other = self::equations(workload, &stretched, inputs, backends).ok()?;
     let same = equations.pattern() == other.pattern();
     if same { equations.with_values(other.values()) } else { None }
 }

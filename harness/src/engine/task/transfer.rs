@@ -140,7 +140,7 @@ impl Motion {
     }
 }
 
-fn write_mesh(folder: &Path, name: &str, mesh: &TriangleMesh) -> io::Result<MeshFiles> {
+pub(super) fn write_mesh(folder: &Path, name: &str, mesh: &TriangleMesh) -> io::Result<MeshFiles> {
     let path = |what: &str| folder.join(format!("{name}-{what}"));
     Ok(MeshFiles {
         positions: ArrayFile::write(&path("positions.f64"), mesh.positions().as_flattened(), 3)?,
