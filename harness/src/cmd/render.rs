@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Outcome {
     };
     match &args.frames {
         None => draw(&mesh, &style, &args.camera(mesh.bounding_box())).write_png(&args.out)?,
-        Some(path) => args.sequence(&mesh, &frames::read(path, vertices)?, &style)?,
+        Some(path) => args.sequence(&mesh, &frames::read(path, &mesh)?, &style)?,
     }
     Ok(Exit::Ok)
 }

@@ -23,6 +23,7 @@ use crate::statistics::percentiles;
 use crate::verify::solution::Checked;
 use lapsolve::limits::Limits;
 use lapsolve::registry::{Accuracy, Precision};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// A cell in the making. Whatever happens to its process becomes its status; no method fails.
@@ -39,6 +40,8 @@ pub struct Running<'a> {
     /// The last solution that passed every check: the same bits need no second one.
     verified: Vec<f64>,
     samples: Vec<u64>,
+    /// Parts of each steady frame.
+    steps: BTreeMap<String, Vec<u64>>,
     /// The frame that comes next (`transfer`).
     next_frame: usize,
     allocations: Option<u64>,
@@ -86,6 +89,7 @@ impl<'a> Running<'a> {
             solution: task.solution_path(index),
             verified: Vec::new(),
             samples: Vec::new(),
+            steps: BTreeMap::new(),
             next_frame: 0,
             allocations: None,
             repetitions: 0,
