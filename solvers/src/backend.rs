@@ -202,8 +202,7 @@ pub enum FrameStep {
 
 impl FrameStep {
     /// All steps in their order.
-    pub const ALL: [Self; 5] =
-        [Self::Marks, Self::Field, Self::Fragments, Self::Positions, Self::Placement];
+    pub const ALL: [Self; 5] = [Self::Marks, Self::Field, Self::Fragments, Self::Positions, Self::Placement];
 
     /// Its name in results.
     pub fn name(self) -> &'static str {

@@ -6,7 +6,6 @@
 use super::clip::{Channel, Clip, Joint};
 use crate::file::{self, Fault, FileError};
 use crate::mesh_io::text::{Line, Lines, shown};
-use std::io::Write;
 use std::path::Path;
 
 /// Most joints of a hierarchy: a hundred times what characters have.
@@ -104,7 +103,8 @@ fn hierarchy(lines: &mut Lines<'_>) -> Result<Vec<Joint>, Fault> {
                 open.push(Open::new(joint.joint, true, line.number));
             }
             b"OFFSET" => {
-                let scope = open.last_mut().ok_or_else(|| line.fault("an offset of no joint", "remove it"))?;
+                let scope =
+                    open.last_mut().ok_or_else(|| line.fault("an offset of no joint", "remove it"))?;
                 let offset = line.point(&mut line.tokens().skip(1))?;
                 scope.has_offset = true;
                 match scope.is_end {
@@ -205,7 +205,8 @@ fn motion_header(lines: &mut Lines<'_>) -> Result<(usize, f64), Fault> {
     };
     let (line, token) = value("Frames:")?;
     let count = line.integer(Some(token), "number of frames")?;
-    let count = usize::try_from(count).map_err(|_| line.fault("a negative number of frames", "correct it"))?;
+    let count =
+        usize::try_from(count).map_err(|_| line.fault("a negative number of frames", "correct it"))?;
     let (line, token) = value("Frame Time:")?;
     let frame_time = line.finite(Some(token), "seconds per frame")?;
     if !(1e-6..=1e6).contains(&frame_time) {
@@ -275,8 +276,9 @@ mod tests {
     #[test]
     fn reads_and_writes() {
         let clip = parse(FILE.as_bytes()).unwrap();
-        let mut expected =
-            leg(vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0]);
+        let mut expected = leg(vec![
+            1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0,
+        ]);
         expected.joints[0].name = "Left Hip".into();
         assert_eq!(clip, expected);
         let folder = tempfile::tempdir().unwrap();

@@ -91,8 +91,10 @@ pub fn propose(template: &TriangleMesh, target: &TriangleMesh, count: usize) -> 
     for round in 0..=ROUNDS {
         // Wide at first, because boxes align only roughly.
         let reach = NEAR * diagonal * if round < ROUNDS { 2.0 } else { 1.0 };
-        let moved: Vec<(Vector, Vector)> =
-            from_faces.par_iter().map(|&(x, n)| (alignment.apply(x), rotate(alignment.rotation, n))).collect();
+        let moved: Vec<(Vector, Vector)> = from_faces
+            .par_iter()
+            .map(|&(x, n)| (alignment.apply(x), rotate(alignment.rotation, n)))
+            .collect();
         found = partners(&moved, &to_faces, reach);
         if round == ROUNDS || found.len() < 3 {
             break;
@@ -151,14 +153,14 @@ mod tests {
 
     #[test]
     fn proposals_for_two_builds_lie_at_the_same_place_of_both() {
-        let (template, target) = (Body::new(Build::Template, 4_000).mesh, Body::new(Build::Female, 6_000).mesh);
+        let (template, target) =
+            (Body::new(Build::Template, 4_000).mesh, Body::new(Build::Female, 6_000).mesh);
         let proposal = propose(&template, &target, 80);
         assert!(proposal.pairs.len() > 60, "{}", proposal.pairs.len());
         assert!(proposal.distance < 0.02, "{}", proposal.distance);
         for &(p, t) in &proposal.pairs {
-            let [p, t] = [(&template, p), (&target, t)].map(|(mesh, t)| {
-                scale(1.0 / mesh.bounding_box().1[1], middle(mesh, t))
-            });
+            let [p, t] = [(&template, p), (&target, t)]
+                .map(|(mesh, t)| scale(1.0 / mesh.bounding_box().1[1], middle(mesh, t)));
             assert!(distance_squared(p, t).sqrt() < 0.09, "{p:?} {t:?}");
         }
     }

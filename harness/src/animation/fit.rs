@@ -79,7 +79,8 @@ impl Fitted {
         let skeleton = Skeleton::of(clip);
         let axes = skeleton.frame.rotation_to(&BodyFrame::standing(up));
         let extent = |points: &mut dyn Iterator<Item = f64>| {
-            let (low, high) = points.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+            let (low, high) =
+                points.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
             high - low
         };
         let of_mesh = extent(&mut joints.iter().map(|p| p[up]));
@@ -101,7 +102,8 @@ impl Fitted {
         scale: f64,
         up: Vector,
     ) -> Self {
-        let mut fitted = Self { joints: vec![[0.0; 3]; joints.len()], ends, axes, scale, alignments: Vec::new(), up };
+        let mut fitted =
+            Self { joints: vec![[0.0; 3]; joints.len()], ends, axes, scale, alignments: Vec::new(), up };
         let known = |j: usize| joints[j].is_some();
         for (j, joint) in clip.joints.iter().enumerate() {
             let alignment = match joint.parent {
@@ -200,7 +202,8 @@ impl Skeleton {
         };
         let up = if extent(2) > extent(1) { 2 } else { 1 };
         let side = |side: Side| {
-            let own = clip.joints.iter().zip(&rest).filter(|(joint, _)| names::side(&joint.name) == Some(side));
+            let own =
+                clip.joints.iter().zip(&rest).filter(|(joint, _)| names::side(&joint.name) == Some(side));
             own.map(|(_, p)| p[0]).sum::<f64>()
         };
         let mirrored = side(Side::Left) < side(Side::Right);
@@ -267,8 +270,7 @@ impl Limb {
         if corners.len() < 3 {
             return Err(FitError::NoLimb(name));
         }
-        let length =
-            |c: usize| distance_squared(points[corners[c]].1, points[corners[c + 1]].1).sqrt();
+        let length = |c: usize| distance_squared(points[corners[c]].1, points[corners[c + 1]].1).sqrt();
         let is_first = |c: &usize| {
             // The joint itself or one at the same place.
             let end = corners.get(c + 1).copied().unwrap_or(points.len());
@@ -291,9 +293,7 @@ impl Limb {
 
     /// Shoulder, elbow, wrist and tip (or hip, knee, ankle and toes) in the mesh.
     fn in_mesh(&self, figure: &Figure, tip: Tip, shares: [f64; 3]) -> Result<[Vector; 4], FitError> {
-        let at = |share: f64| {
-            figure.centre(tip, share * figure.height).ok_or(FitError::NoMiddle(self.name))
-        };
+        let at = |share: f64| figure.centre(tip, share * figure.height).ok_or(FitError::NoMiddle(self.name));
         Ok([at(shares[2])?, at(shares[1])?, at(shares[0])?, figure.tip(tip)])
     }
 

@@ -34,7 +34,8 @@ impl GlbWriter {
     /// # Errors
     /// [`FileError`] where the folder is not writable or the file would exceed 4 GiB.
     pub fn new(path: &Path, mesh: &TriangleMesh, frames: usize, rate: f64) -> Result<Self, FileError> {
-        let bytes = 12 * (mesh.triangles().len() as u64 + (frames as u64 + 1) * mesh.positions().len() as u64)
+        let bytes = 12
+            * (mesh.triangles().len() as u64 + (frames as u64 + 1) * mesh.positions().len() as u64)
             + 4 * frames as u64 * (frames as u64 + 1);
         if bytes + bytes / 100 > LARGEST {
             let problem = format!("would have {} MB, and GLB files end at 4 GiB", bytes >> 20);
@@ -125,7 +126,11 @@ impl GlbWriter {
         const UNSIGNED: u32 = 5125;
         let (n, m, frames) = (self.rest.len(), self.triangles, self.bounds.len());
         let (mut views, mut accessors, mut offset) = (Vec::new(), Vec::new(), 0u64);
-        let mut array = |count: usize, kind: &str, component: u32, target: Option<u32>, bounds: Option<[Value; 2]>| {
+        let mut array = |count: usize,
+                         kind: &str,
+                         component: u32,
+                         target: Option<u32>,
+                         bounds: Option<[Value; 2]>| {
             let numbers = if kind == "VEC3" { 3 } else { 1 };
             let bytes = 4 * numbers * count as u64;
             let mut view = json!({"buffer": 0, "byteOffset": offset, "byteLength": bytes});
@@ -226,7 +231,8 @@ mod tests {
         let animation = document.animations().next().unwrap();
         let channel = animation.channels().next().unwrap().reader(|_| Some(&blob));
         assert_eq!(channel.read_inputs().unwrap().collect::<Vec<f32>>(), [0.0, 0.1, 0.2]);
-        let ::gltf::animation::util::ReadOutputs::MorphTargetWeights(weights) = channel.read_outputs().unwrap()
+        let ::gltf::animation::util::ReadOutputs::MorphTargetWeights(weights) =
+            channel.read_outputs().unwrap()
         else {
             panic!("weights expected")
         };

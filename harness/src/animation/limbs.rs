@@ -161,9 +161,8 @@ impl Figure {
 fn middle_of(ring: &[Vector]) -> Vector {
     let mean = scale(1.0 / ring.len() as f64, ring.iter().fold([0.0; 3], |sum, &p| add(sum, p)));
     // Away from the mean: opposite extremes along each axis, averaged with the mean itself.
-    let extreme = |axis: usize, pick: fn(f64, f64) -> f64, first: f64| {
-        ring.iter().map(|p| p[axis]).fold(first, pick)
-    };
+    let extreme =
+        |axis: usize, pick: fn(f64, f64) -> f64, first: f64| ring.iter().map(|p| p[axis]).fold(first, pick);
     let middle: Vector = std::array::from_fn(|axis| {
         0.5 * (extreme(axis, f64::min, f64::INFINITY) + extreme(axis, f64::max, f64::NEG_INFINITY))
     });
@@ -238,7 +237,8 @@ impl Graph {
     /// farthest from an arbitrary one.
     fn farthest(&self, component: &[u32]) -> Option<([u32; TIPS], [Vec<f64>; TIPS])> {
         let most = |distance: &[f64]| {
-            let better = |best: u32, v: u32| if distance[v as usize] > distance[best as usize] { v } else { best };
+            let better =
+                |best: u32, v: u32| if distance[v as usize] > distance[best as usize] { v } else { best };
             component.iter().copied().reduce(better)
         };
         let mut tips = [most(&self.distances(*component.first()?))?; TIPS];

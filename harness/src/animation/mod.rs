@@ -7,6 +7,7 @@
 //! figures, sink, glb                                                     statistics, GLB, PLY, NPY
 //! ```
 
+pub mod angles;
 mod body_frame;
 pub mod bvh;
 pub mod clip;
@@ -14,6 +15,7 @@ pub mod correspondences;
 pub mod figures;
 pub mod fit;
 pub mod glb;
+pub mod joints;
 pub mod limbs;
 pub mod names;
 pub mod rig;

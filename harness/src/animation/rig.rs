@@ -54,7 +54,8 @@ impl Rig {
         let count = bones.len();
         let weights = Columns::new(&weights[..], mesh.positions().len(), count);
         let skin = Skin::new(mesh.positions(), weights, count);
-        let mut rig = Self { clip, fitted, skin, joint_of, motions: vec![Rigid::IDENTITY; count], root: Vec::new() };
+        let mut rig =
+            Self { clip, fitted, skin, joint_of, motions: vec![Rigid::IDENTITY; count], root: Vec::new() };
         rig.root = rig.root_motion(root);
         Ok(rig)
     }
@@ -107,12 +108,14 @@ impl Rig {
             shifts.iter_mut().for_each(|shift| *shift = scale(height(*shift), up));
         }
         let points = |joints: &[Rigid]| {
-            let tips = self.fitted.ends.iter().zip(joints).filter_map(|(end, joint)| Some(joint.apply((*end)?)));
+            let tips =
+                self.fitted.ends.iter().zip(joints).filter_map(|(end, joint)| Some(joint.apply((*end)?)));
             let own = self.fitted.joints.iter().zip(joints).map(|(&p, joint)| joint.apply(p));
             own.chain(tips).map(height).fold(f64::INFINITY, f64::min)
         };
         let ground = points(&vec![Rigid::IDENTITY; self.fitted.joints.len()]);
-        let lowest = (0..shifts.len()).map(|k| points(&self.joints(k, shifts[k]))).fold(f64::INFINITY, f64::min);
+        let lowest =
+            (0..shifts.len()).map(|k| points(&self.joints(k, shifts[k]))).fold(f64::INFINITY, f64::min);
         shifts.iter_mut().for_each(|shift| *shift = add(*shift, scale(ground - lowest, up)));
         shifts
     }

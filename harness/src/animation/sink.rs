@@ -33,7 +33,11 @@ impl Sink {
         match extension.as_deref() {
             None => Folder::new(path, mesh, frames).map(Self::Folder),
             Some("glb") => Ok(Self::Glb(Box::new(GlbWriter::new(path, mesh, frames, rate)?))),
-            Some("npy") => Ok(Self::Array(Array { path: path.to_owned(), vertices: mesh.positions().len(), values: Vec::new() })),
+            Some("npy") => Ok(Self::Array(Array {
+                path: path.to_owned(),
+                vertices: mesh.positions().len(),
+                values: Vec::new(),
+            })),
             Some(_) => {
                 let remedy = "name a .glb or .npy file, or a folder for PLY files";
                 Err(Fault::new("is no form of animation that is written here", remedy).in_file(path))
@@ -170,7 +174,9 @@ mod tests {
         assert_eq!(std::fs::read_dir(home.path()).unwrap().count(), 1, "what is not finished leaves nothing");
         std::fs::write(path.join("notes.txt"), "mine").unwrap();
         assert!(Sink::new(&path, &mesh, 2, 30.0).err().unwrap().to_string().contains("notes.txt"));
-        assert!(Sink::new(&home.path().join("a.fbx"), &mesh, 2, 30.0).err().unwrap().to_string().contains(".glb"));
+        assert!(
+            Sink::new(&home.path().join("a.fbx"), &mesh, 2, 30.0).err().unwrap().to_string().contains(".glb")
+        );
     }
 
     #[test]

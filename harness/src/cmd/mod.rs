@@ -3,6 +3,7 @@
 //! A new subcommand is a file with a `clap::Args` struct and a `run`, a `mod` line, a variant of `Command` and an arm
 //! in `dispatch`. Data goes to stdout through [`output`], everything else to stderr.
 
+pub mod animate;
 pub mod compare;
 pub mod completions;
 pub mod doctor;
@@ -43,6 +44,7 @@ enum Command {
     Validate(validate::Args),
     Matrix(matrix::Args),
     Render(render::Args),
+    Animate(animate::Args),
     Compare(compare::Args),
     List(list::Args),
     Doctor(doctor::Args),
@@ -106,6 +108,7 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Validate(args) => validate::run(&args, context),
         Command::Matrix(args) => matrix::run(&args, context),
         Command::Render(args) => render::run(&args),
+        Command::Animate(args) => animate::run(&args, context),
         Command::Compare(args) => compare::run(&args),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),

@@ -45,6 +45,29 @@ pub fn read_columns(path: &Path, n: usize) -> Result<(usize, Vec<f64>), FileErro
     parse_columns(&file::read(path)?, n).map_err(|fault| fault.in_file(path))
 }
 
+/// Reads rows of the same number k of values, as many as there are. Returns k and the values, row after row.
+///
+/// # Errors
+/// [`FileError`] naming the line of a malformed row; and for a file without rows.
+pub fn read_rows(path: &Path) -> Result<(usize, Vec<f64>), FileError> {
+    let (k, values) = parse_rows(&file::read(path)?, usize::MAX).map_err(|fault| fault.in_file(path))?;
+    if values.is_empty() {
+        return Err(Fault::new("has no rows of numbers", "write one row per frame").in_file(path));
+    }
+    Ok((k, values))
+}
+
+/// Writes pairs of indices under a header line, atomically.
+///
+/// # Errors
+/// [`FileError`] when the file cannot be written.
+pub fn write_pairs(path: &Path, header: &str, pairs: &[(u32, u32)]) -> Result<(), FileError> {
+    file::write_atomically(path, |out| {
+        writeln!(out, "{header}")?;
+        pairs.iter().try_for_each(|(a, b)| writeln!(out, "{a},{b}"))
+    })
+}
+
 /// Writes rows of k values, atomically.
 ///
 /// # Errors
@@ -109,6 +132,16 @@ pub fn parse_constraints(bytes: &[u8], n: usize) -> Result<Constraints, Fault> {
 /// # Errors
 /// A fault naming the line.
 pub fn parse_columns(bytes: &[u8], n: usize) -> Result<(usize, Vec<f64>), Fault> {
+    let (k, values) = parse_rows(bytes, n)?;
+    let rows = values.len().checked_div(k).unwrap_or(0);
+    if rows < n {
+        return Err(Fault::new(format!("has {rows} rows, expected {n}"), "give one row per vertex"));
+    }
+    Ok((k, values))
+}
+
+/// At most `n` rows of the same number k of values.
+fn parse_rows(bytes: &[u8], n: usize) -> Result<(usize, Vec<f64>), Fault> {
     let (mut values, mut rows, mut k) = (Vec::new(), 0, 0);
     for line in data_lines(bytes) {
         let before = values.len();
@@ -124,9 +157,6 @@ pub fn parse_columns(bytes: &[u8], n: usize) -> Result<(usize, Vec<f64>), Fault>
         if rows > n {
             return Err(line.fault(format!("more than {n} rows"), "give one row per vertex"));
         }
-    }
-    if rows < n {
-        return Err(Fault::new(format!("has {rows} rows, expected {n}"), "give one row per vertex"));
     }
     Ok((k, values))
 }

@@ -1,7 +1,7 @@
 //! The child's side: serves one backend over the peer protocol until stdin ends.
 
 mod clock;
-mod open_loop;
+pub mod open_loop;
 mod prepared;
 
 use super::allocation;
