@@ -45,6 +45,7 @@ use lapsolve::mesh::TriangleMesh;
 use lapsolve::topology::Topology;
 use sha2::{Digest, Sha256};
 
+pub use self::gltf::parse_animation;
 pub use self::note::{Finding, Note};
 use self::text::Lines;
 use crate::file::{self, Fault, FileError};

@@ -10,6 +10,9 @@ use crate::rotation::Quaternion;
 use crate::team::Team;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+/// Marks that are worth waking the other threads for: some 50 us of work for one.
+const MANY: usize = 256;
+
 /// Columns of the harmonic field: the components of a quaternion.
 const FIELD: usize = 4;
 
@@ -141,7 +144,14 @@ impl DifferentialCoordinates {
 
     /// Step 1 and the input of step 2: rotations of the marks, values at the constrained vertices.
     fn pose(&mut self, template: &[[f64; 3]]) -> Result<(), SolveError> {
-        let collapsed = self.problem.marks.pose(template, &mut self.poses)?;
+        let marks = &self.problem.marks;
+        let collapsed = if self.poses.len() < MANY {
+            marks.pose(template, &mut self.poses)?
+        } else {
+            assert_eq!(template.len(), marks.template_vertices(), "template: one position per vertex");
+            self.team.for_each_run(&mut self.poses, 1, |range, poses| marks.turn(template, range, poses));
+            marks.agree(template, &mut self.poses)?
+        };
         self.replaced = collapsed + self.problem.marks.constraint_values(&self.poses, &mut self.values);
         Ok(())
     }
