@@ -14,9 +14,9 @@ use lapsolve::workload::transfer::alignment::Similarity;
 use thiserror::Error;
 
 /// Shares of the body height from the finger tips to wrist, elbow and shoulder.
-const ARM: [f64; 3] = [0.108, 0.254, 0.44];
+const ARM: [f64; 3] = [0.106, 0.248, 0.41];
 /// Shares of the body height from the toes to ankle, knee and hip.
-const LEG: [f64; 3] = [0.13, 0.366, 0.60];
+const LEG: [f64; 3] = [0.13, 0.366, 0.63];
 
 /// Why a skeleton cannot be placed by itself.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -1,7 +1,7 @@
 //! The extremities of a standing figure: head, hands and feet, found by distances along the surface.
 //!
-//! The five vertices that are farthest from each other along the surface are the tips of a human body in any pose in which
-//! arms and legs stand off it. Heights tell feet and head, sides tell hands; toes show where the figure faces.
+//! The highest vertex is the head; the four that are then farthest from each other along the surface are hands and feet, in
+//! any standing pose in which the limbs are apart from the body. Heights tell hands from feet; toes show where it faces.
 
 use super::body_frame::BodyFrame;
 use lapsolve::mesh::TriangleMesh;
@@ -78,33 +78,25 @@ impl Figure {
         if (whole.len() as f64) < WHOLE * used as f64 {
             return Err(NoFigure::Torn { share: 100.0 * whole.len() as f64 / used as f64 });
         }
-        let (tips, distances) = graph.farthest(&whole).ok_or(NoFigure::NoTips)?;
-        let heights = || whole.iter().map(|&v| mesh.positions()[v as usize][up]);
-        let low = heights().fold(f64::INFINITY, f64::min);
-        let height = heights().fold(f64::NEG_INFINITY, f64::max) - low;
+        let height_of = |v: u32| mesh.positions()[v as usize][up];
+        let higher = |a: u32, b: u32| if height_of(b) > height_of(a) { b } else { a };
+        let crown = whole.iter().copied().reduce(higher).ok_or(NoFigure::NoTips)?;
+        let low = whole.iter().map(|&v| height_of(v)).fold(f64::INFINITY, f64::min);
+        let height = height_of(crown) - low;
+        let (tips, distances) = graph.farthest(&whole, crown).ok_or(NoFigure::NoTips)?;
         let positions = mesh.positions().to_vec();
         let mut figure = Self { frame: BodyFrame::standing(up), height, tips, distances, positions };
         figure.name_tips(up)?;
         Ok(figure)
     }
 
-    /// Sorts the tips into the order of [`Tip`] and finds out where the figure faces.
+    /// Sorts the tips, of which the first is the head, into the order of [`Tip`] and finds out where the figure faces.
     fn name_tips(&mut self, up: usize) -> Result<(), NoFigure> {
         let at = |figure: &Self, k: usize| figure.positions[figure.tips[k] as usize];
-        let mut order: [usize; TIPS] = [0, 1, 2, 3, 4];
-        order.sort_by(|&a, &b| at(self, a)[up].total_cmp(&at(self, b)[up]));
-        let feet = [order[0], order[1]];
-        let middle = scale(0.5, add(at(self, feet[0]), at(self, feet[1])));
-        let aside = |k: usize| {
-            let mut offset = sub(at(self, k), middle);
-            offset[up] = 0.0;
-            norm(offset)
-        };
-        // Of the three upper tips the head is the one above the feet.
-        let head = order[2..].iter().copied().min_by(|&a, &b| aside(a).total_cmp(&aside(b)));
-        let head = head.ok_or(NoFigure::NoTips)?;
-        let hands: Vec<usize> = order[2..].iter().copied().filter(|&k| k != head).collect();
-        let toes = feet.map(|k| {
+        let mut limbs: [usize; TIPS - 1] = [1, 2, 3, 4];
+        limbs.sort_by(|&a, &b| at(self, a)[up].total_cmp(&at(self, b)[up]));
+        let [a, b, c, d] = limbs;
+        let toes = [a, b].map(|k| {
             let ankle = self.centre_of_ring(k, ANKLE * self.height).unwrap_or(at(self, k));
             sub(at(self, k), ankle)
         });
@@ -117,11 +109,12 @@ impl Figure {
             let side = |k: usize| dot(at(self, k), self.frame.left);
             if side(a) >= side(b) { [a, b] } else { [b, a] }
         };
-        let [hands, feet] = [left_first([hands[0], hands[1]]), left_first(feet)];
-        let order = [head, hands[0], hands[1], feet[0], feet[1]];
+        let [hands, feet] = [left_first([c, d]), left_first([a, b])];
+        let order = [0, hands[0], hands[1], feet[0], feet[1]];
         let above = |k: usize| at(self, order[k])[up] - at(self, feet[0])[up].max(at(self, feet[1])[up]);
+        // Hands at the feet, or a head that is no higher than the hands reach down: no standing figure.
         if above(0) < 0.5 * self.height || above(1).min(above(2)) < 0.15 * self.height {
-            return Err(NoFigure::NoTips); // hands at the feet, or a head below the middle
+            return Err(NoFigure::NoTips);
         }
         self.tips = order.map(|k| self.tips[k]);
         self.distances = order.map(|k| std::mem::take(&mut self.distances[k]));
@@ -138,11 +131,11 @@ impl Figure {
         self.centre_of_ring(tip as usize, distance)
     }
 
-    /// Mean of the vertices of tip `k`'s limb in a ring about `distance`; the ring grows until it holds enough of them. Each
-    /// vertex counts in the direction away from the mean only once per sector, so that dense sides do not pull.
+    /// Middle of the vertices of tip `k`'s limb in a ring about `distance`; the ring grows until it holds enough of them.
     fn centre_of_ring(&self, k: usize, distance: f64) -> Option<Vector> {
         const FEW: usize = 12;
-        let nearest = |v: usize| (0..TIPS).all(|other| self.distances[other][v] >= self.distances[k][v]);
+        // The head does not count: a shoulder is nearer to it than to its hand.
+        let nearest = |v: usize| (1..TIPS).all(|other| self.distances[other][v] >= self.distances[k][v]);
         for width in [0.008, 0.015, 0.03, 0.06] {
             let half = width * self.height;
             let ring: Vec<Vector> = (0..self.positions.len())
@@ -157,10 +150,9 @@ impl Figure {
     }
 }
 
-/// The middle of the box of a ring in its own plane: independent of how densely its sides are sampled.
+/// Half mean, half middle of the box: densely sampled sides pull the one, outlying vertices the other.
 fn middle_of(ring: &[Vector]) -> Vector {
     let mean = scale(1.0 / ring.len() as f64, ring.iter().fold([0.0; 3], |sum, &p| add(sum, p)));
-    // Away from the mean: opposite extremes along each axis, averaged with the mean itself.
     let extreme =
         |axis: usize, pick: fn(f64, f64) -> f64, first: f64| ring.iter().map(|p| p[axis]).fold(first, pick);
     let middle: Vector = std::array::from_fn(|axis| {
@@ -233,16 +225,15 @@ impl Graph {
         best
     }
 
-    /// Five vertices of a component, each as far as possible from those before, with their distances. The first is the
-    /// farthest from an arbitrary one.
-    fn farthest(&self, component: &[u32]) -> Option<([u32; TIPS], [Vec<f64>; TIPS])> {
+    /// `first` and four vertices of the component, each as far as possible from those before, with their distances.
+    fn farthest(&self, component: &[u32], first: u32) -> Option<([u32; TIPS], [Vec<f64>; TIPS])> {
         let most = |distance: &[f64]| {
             let better =
                 |best: u32, v: u32| if distance[v as usize] > distance[best as usize] { v } else { best };
             component.iter().copied().reduce(better)
         };
-        let mut tips = [most(&self.distances(*component.first()?))?; TIPS];
-        let mut least = self.distances(tips[0]);
+        let mut tips = [first; TIPS];
+        let mut least = self.distances(first);
         let mut all: [Vec<f64>; TIPS] = Default::default();
         all[0] = least.clone();
         for k in 1..TIPS {

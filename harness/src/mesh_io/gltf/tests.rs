@@ -153,8 +153,7 @@ fn animated() -> (String, Vec<u8>) {
     back[13] = -1.0; // the second joint stands at (0, 1, 0)
     add(&[identity, back].concat()); // 5 inverse bind matrices
     starts.push(bytes.len());
-    bytes.extend([0, 0, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0]); // 6 joints: the second vertex names them the other way
-    bytes[starts[6] + 4] = 0;
+    bytes.extend([0, 1, 0, 0].repeat(4)); // 6 joints of the weights
     let view = |k: usize| {
         let end = starts.get(k + 1).copied().unwrap_or(bytes.len());
         format!(r#"{{"buffer":0,"byteOffset":{},"byteLength":{}}}"#, starts[k], end - starts[k])
