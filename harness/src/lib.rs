@@ -6,6 +6,7 @@
 //! [`main_with`] is the whole program; give it backends of your own and they stand in every command beside the
 //! built-in ones, under the same checks.
 
+pub mod animation;
 pub mod body;
 pub mod cache;
 pub mod cmd;

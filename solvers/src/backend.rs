@@ -167,6 +167,21 @@ pub trait TransferFrame: Send {
     /// As [`Factor::solve`].
     fn frame(&mut self, template: &[[f64; 3]], target: &mut [[f64; 3]]) -> Result<Solved, SolveError>;
 
+    /// As [`frame`](Self::frame); `on` is told each step when it *begins*; the caller reads the clock there (this crate
+    /// never does). Provided: a frame without steps, for handles that cannot tell them apart.
+    ///
+    /// # Errors
+    /// As [`frame`](Self::frame).
+    fn observed_frame(
+        &mut self,
+        template: &[[f64; 3]],
+        target: &mut [[f64; 3]],
+        on: &mut dyn FnMut(FrameStep),
+    ) -> Result<Solved, SolveError> {
+        let _ = on;
+        self.frame(template, target)
+    }
+
     /// Inner results of the last frame, where the handle keeps them: what the checks need to judge both solves.
     fn trace(&self) -> Option<FrameTrace<'_>> {
         None
@@ -174,6 +189,37 @@ pub trait TransferFrame: Send {
 
     /// What the handle holds and moves.
     fn footprint(&self) -> Footprint;
+}
+
+/// A part of a `transfer` frame, announced when it begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FrameStep {
+    /// Step 1: rotations of the marked triangles, constraint values.
+    Marks,
+    /// Step 2: the harmonic field of quaternions.
+    Field,
+    /// Normalisation and steps 3 and 4: rotations of all triangles and their differential coordinates.
+    Fragments,
+    /// Step 5: the Poisson system.
+    Positions,
+    /// The end of step 5: translations, and what follows rigidly.
+    Placement,
+}
+
+impl FrameStep {
+    /// All steps in their order.
+    pub const ALL: [Self; 5] = [Self::Marks, Self::Field, Self::Fragments, Self::Positions, Self::Placement];
+
+    /// Its name in results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Marks => "marks",
+            Self::Field => "field",
+            Self::Fragments => "fragments",
+            Self::Positions => "positions",
+            Self::Placement => "placement",
+        }
+    }
 }
 
 /// Inner results of a `transfer` frame.

@@ -5,6 +5,7 @@
 //! takes no lock and allocates nothing. Teams know nothing of each other; each belongs to one handle, `&mut` is its lock.
 use std::cell::UnsafeCell;
 use std::hint::spin_loop;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
@@ -116,6 +117,31 @@ impl Team {
         });
     }
 
+    /// Cuts `data` into one run of whole groups of `group` items per thread and calls `job(groups, run)` on each thread: the
+    /// numbers of its groups, and its run. No allocation.
+    ///
+    /// # Panics
+    /// As [`run`](Self::run), and if `data` is no multiple of `group`.
+    pub fn for_each_run<T: Send>(
+        &mut self,
+        data: &mut [T],
+        group: usize,
+        job: impl Fn(Range<usize>, &mut [T]) + Sync,
+    ) {
+        assert!(data.len().is_multiple_of(group), "data: whole groups");
+        let (groups, threads) = (data.len() / group, self.threads());
+        let items = Items(data.as_mut_ptr());
+        self.run(&|t| {
+            let own = groups * t / threads..groups * (t + 1) / threads;
+            // SAFETY: the runs of the threads do not overlap and lie in `data`, which is borrowed mutably until `run` has
+            // returned.
+            let run = unsafe {
+                std::slice::from_raw_parts_mut(items.at(own.start * group), (own.end - own.start) * group)
+            };
+            job(own, run);
+        });
+    }
+
     fn wake(&self) {
         for (asleep, worker) in self.shared.asleep.iter().zip(&self.workers) {
             if asleep.load(Ordering::SeqCst) {
@@ -217,6 +243,21 @@ mod tests {
                         "{threads} {count}"
                     );
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn runs_of_groups_cover_everything_once() {
+        for threads in [1, 2, 3] {
+            let mut team = Team::new(threads).expect("threads");
+            for count in [0, 1, 2, 7] {
+                let mut items = vec![0_usize; 3 * count];
+                team.for_each_run(&mut items, 3, |groups, run| {
+                    assert_eq!(run.len(), 3 * groups.len());
+                    run.chunks_exact_mut(3).zip(groups).for_each(|(group, g)| group.fill(g + 1));
+                });
+                assert!(items.iter().enumerate().all(|(i, &v)| v == i / 3 + 1), "{threads} {items:?}");
             }
         }
     }

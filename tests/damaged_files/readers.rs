@@ -2,8 +2,11 @@
 
 use std::path::Path;
 
+use lapbench::animation::bvh;
 use lapbench::file::{Fault, FileError};
-use lapbench::mesh_io::{Finding, Format, matrix_market, npy, parse_mesh, read_mesh, table};
+use lapbench::mesh_io::{
+    Finding, Format, matrix_market, npy, parse_animation, parse_mesh, read_animation, read_mesh, table,
+};
 use lapsolve::topology::Topology;
 
 /// Vertices of the mesh that constraints are read for, and triangles on both sides of pairs.
@@ -20,12 +23,27 @@ pub struct Reader {
 }
 
 /// All readers.
-pub const READERS: [Reader; 9] = [
+pub const READERS: [Reader; 11] = [
     Reader { folder: "ply", read: mesh, parse: |bytes| mesh_bytes(bytes, Format::Ply) },
     Reader { folder: "obj", read: mesh, parse: |bytes| mesh_bytes(bytes, Format::Obj) },
     Reader { folder: "off", read: mesh, parse: |bytes| mesh_bytes(bytes, Format::Off) },
     Reader { folder: "stl", read: mesh, parse: |bytes| mesh_bytes(bytes, Format::Stl) },
     Reader { folder: "gltf", read: mesh, parse: |bytes| mesh_bytes(bytes, Format::Gltf) },
+    Reader {
+        folder: "gltf_animation",
+        read: |path| read_animation(path, &read_mesh(path)?.mesh).map(|_| vec![]),
+        parse: |bytes| parse_animation(bytes, None).map(|(frames, _)| assert!(!frames.is_empty())),
+    },
+    Reader {
+        folder: "bvh",
+        read: |path| bvh::read(path).map(|_| vec![]),
+        parse: |bytes| {
+            bvh::parse(bytes).map(|clip| {
+                assert!(!clip.is_empty() && clip.values.len() == clip.len() * clip.channels());
+                clip.place(clip.len() - 1);
+            })
+        },
+    },
     Reader {
         folder: "npy",
         read: |path| npy::read(path).map(|_| vec![]),

@@ -3,6 +3,7 @@
 //! A new subcommand is a file with a `clap::Args` struct and a `run`, a `mod` line, a variant of `Command` and an arm
 //! in `dispatch`. Data goes to stdout through [`output`], everything else to stderr.
 
+pub mod animate;
 pub mod compare;
 pub mod completions;
 pub mod doctor;
@@ -49,6 +50,7 @@ enum Command {
     Kharmonic(kharmonic::Args),
     Report(report::Args),
     Merge(merge::Args),
+    Animate(animate::Args),
     Compare(compare::Args),
     List(list::Args),
     Doctor(doctor::Args),
@@ -115,6 +117,7 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Kharmonic(args) => kharmonic::run(&args, context),
         Command::Report(args) => report::run(&args),
         Command::Merge(args) => merge::run(&args),
+        Command::Animate(args) => animate::run(&args, context),
         Command::Compare(args) => compare::run(&args),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),

@@ -60,7 +60,8 @@ pub struct Args {
 /// Largest width and height of one picture: 50 MB of pixels.
 const LARGEST: usize = 4096;
 
-fn size(text: &str) -> Result<(usize, usize), String> {
+/// Parses `WIDTHxHEIGHT`.
+pub(super) fn size(text: &str) -> Result<(usize, usize), String> {
     let number = |text: &str| text.parse().ok().filter(|n| (1..=LARGEST).contains(n));
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((number(w)?, number(h)?)));
     sides.ok_or_else(|| format!("expected WIDTHxHEIGHT, each from 1 to {LARGEST}"))
@@ -88,7 +89,7 @@ pub fn run(args: &Args) -> Outcome {
     };
     match &args.frames {
         None => draw(&mesh, &style, &args.camera(mesh.bounding_box())).write_png(&args.out)?,
-        Some(path) => args.sequence(&mesh, &frames::read(path, vertices)?, &style)?,
+        Some(path) => args.sequence(&mesh, &frames::read(path, &mesh)?, &style)?,
     }
     Ok(Exit::Ok)
 }

@@ -244,6 +244,9 @@ pub struct Timed {
     /// Time on the device, per repetition, where it has a clock of its own.
     #[serde(default)]
     pub device_ns: Vec<u64>,
+    /// Parts of a frame by name, one entry per timed repetition, where the peer tells them apart.
+    #[serde(default)]
+    pub steps_ns: BTreeMap<String, Vec<u64>>,
 }
 
 /// The course of one iterative solve: an entry per iteration noted, in order. A solve that misses the tolerance has one, too.

@@ -1,5 +1,6 @@
 //! Animations: positions of the same vertices over time.
 
+use lapsolve::mesh::TriangleMesh;
 use std::path::{Path, PathBuf};
 
 use super::{Format, npy, read_mesh};
@@ -48,13 +49,19 @@ impl Frames {
     }
 }
 
-/// Reads frames of a mesh with `vertices` vertices: a `.npy` file of shape (frames, `vertices`, 3), or a folder of mesh
-/// files, in the order of their names (`frame_0000.ply` ...), of which only the positions are used.
+/// Reads frames of `mesh`: a `.npy` file of shape (frames, vertices, 3), a folder of mesh files in the order of their names
+/// (`frame_0000.ply` ...), or an animated glTF file (see [`super::read_animation`]).
 ///
 /// # Errors
-/// [`FileError`] of whatever cannot be read, or has another number of vertices.
-pub fn read(path: &Path, vertices: usize) -> Result<Frames, FileError> {
-    if path.is_dir() { read_folder(path, vertices) } else { read_npy(path, vertices) }
+/// [`FileError`] of whatever cannot be read, or has another number of vertices or other triangles.
+pub fn read(path: &Path, mesh: &TriangleMesh) -> Result<Frames, FileError> {
+    if path.is_dir() {
+        return read_folder(path, mesh);
+    }
+    match Format::of_extension(path) {
+        Some(Format::Gltf) => super::read_animation(path, mesh).map(|(frames, _)| frames),
+        _ => read_npy(path, mesh.positions().len()),
+    }
 }
 
 fn read_npy(path: &Path, vertices: usize) -> Result<Frames, FileError> {
@@ -70,7 +77,8 @@ fn read_npy(path: &Path, vertices: usize) -> Result<Frames, FileError> {
     }
 }
 
-fn read_folder(folder: &Path, vertices: usize) -> Result<Frames, FileError> {
+fn read_folder(folder: &Path, template: &TriangleMesh) -> Result<Frames, FileError> {
+    let vertices = template.positions().len();
     let unreadable = |e: std::io::Error| {
         Fault::new(format!("cannot be read ({e})"), "check the folder and its permissions").in_file(folder)
     };
@@ -87,6 +95,10 @@ fn read_folder(folder: &Path, vertices: usize) -> Result<Frames, FileError> {
             let problem = format!("has {found} vertices, but the mesh that it moves has {vertices}");
             return Err(Fault::new(problem, "export all frames with the same vertices").in_file(file));
         }
+        if mesh.triangles() != template.triangles() {
+            let remedy = "export all frames with the connectivity of the reference pose";
+            return Err(Fault::new("has other triangles than the mesh that it moves", remedy).in_file(file));
+        }
         positions.extend_from_slice(mesh.positions());
     }
     if positions.is_empty() {
@@ -99,7 +111,6 @@ fn read_folder(folder: &Path, vertices: usize) -> Result<Frames, FileError> {
 mod tests {
     use super::*;
     use crate::mesh_io::write_mesh;
-    use lapsolve::mesh::TriangleMesh;
 
     fn mesh(vertices: usize, shift: f64) -> TriangleMesh {
         TriangleMesh::new((0..vertices).map(|i| [i as f64, shift, 0.0]).collect(), vec![[0, 1, 2]]).unwrap()
@@ -108,18 +119,21 @@ mod tests {
     #[test]
     fn folders_in_the_order_of_names_and_arrays() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(read(folder.path(), 3).unwrap_err().to_string().contains("no mesh files"));
+        let three = mesh(3, 0.0);
+        assert!(read(folder.path(), &three).unwrap_err().to_string().contains("no mesh files"));
         for (name, shift) in [("frame_0001.obj", 2.0), ("frame_0000.ply", 1.0), ("frame_0010.ply", 3.0)] {
             write_mesh(&folder.path().join(name), &mesh(3, shift)).unwrap();
         }
         std::fs::write(folder.path().join("readme.txt"), "no frame").unwrap();
-        let frames = read(folder.path(), 3).unwrap();
+        let frames = read(folder.path(), &three).unwrap();
         assert_eq!(frames.iter().map(|frame| frame[0][1]).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
-        assert!(read(folder.path(), 4).unwrap_err().to_string().contains("frame_0000.ply"));
+        assert!(read(folder.path(), &mesh(4, 0.0)).unwrap_err().to_string().contains("frame_0000.ply"));
+        let turned = TriangleMesh::new(three.positions().to_vec(), vec![[0, 2, 1]]).unwrap();
+        assert!(read(folder.path(), &turned).unwrap_err().to_string().contains("other triangles"));
 
         let array = folder.path().join("frames.npy");
         npy::write(&array, &[2, 3, 3], &[0.5; 18]).unwrap();
-        assert_eq!(read(&array, 3).unwrap(), Frames::new(3, vec![[0.5; 3]; 6]));
-        assert!(read(&array, 2).unwrap_err().to_string().contains("(frames, 2, 3)"));
+        assert_eq!(read(&array, &three).unwrap(), Frames::new(3, vec![[0.5; 3]; 6]));
+        assert!(read(&array, &mesh(4, 0.0)).unwrap_err().to_string().contains("(frames, 4, 3)"));
     }
 }

@@ -35,7 +35,7 @@ mod off;
 mod ply;
 mod stl;
 pub mod table;
-mod text;
+pub(crate) mod text;
 mod weld;
 
 use std::fmt;
@@ -45,6 +45,7 @@ use lapsolve::mesh::TriangleMesh;
 use lapsolve::topology::Topology;
 use sha2::{Digest, Sha256};
 
+pub use self::gltf::parse_animation;
 pub use self::note::{Finding, Note};
 use self::text::Lines;
 use crate::file::{self, Fault, FileError};
@@ -162,6 +163,22 @@ pub fn read_mesh(path: &Path) -> Result<Loaded, FileError> {
         parse_mesh(&bytes, Format::of_extension(path), folder).map_err(|fault| fault.in_file(path))?;
     drop(bytes);
     Ok(Loaded::new(mesh, notes))
+}
+
+/// Reads the animation of a glTF file: positions of the vertices of `mesh` over time, and frames per second. The file must show
+/// as many vertices as `mesh` has, in its order; so it does where the mesh was read from it, or from a file exported with it.
+///
+/// # Errors
+/// [`FileError`] for a file without animation, or with another number of vertices.
+pub fn read_animation(path: &Path, mesh: &TriangleMesh) -> Result<(frames::Frames, f64), FileError> {
+    let bytes = file::read(path)?;
+    let (frames, rate) = parse_animation(&bytes, path.parent()).map_err(|fault| fault.in_file(path))?;
+    if frames.vertices() != mesh.positions().len() {
+        let (found, wanted) = (frames.vertices(), mesh.positions().len());
+        let problem = format!("moves {found} vertices, but the mesh that it moves has {wanted}");
+        return Err(Fault::new(problem, "take the mesh from the same file").in_file(path));
+    }
+    Ok((frames, rate))
 }
 
 /// Reads the bytes of a mesh file. `named` is the format its name stands for; `folder` is where its external buffers

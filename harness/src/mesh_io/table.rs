@@ -61,6 +61,17 @@ pub fn read_vertices(path: &Path, n: usize) -> Result<Vec<u32>, FileError> {
     parse_vertices(&file::read(path)?, n).map_err(|fault| fault.in_file(path))
 }
 
+/// Writes pairs of indices under a header line, atomically.
+///
+/// # Errors
+/// [`FileError`] when the file cannot be written.
+pub fn write_pairs(path: &Path, header: &str, pairs: &[(u32, u32)]) -> Result<(), FileError> {
+    file::write_atomically(path, |out| {
+        writeln!(out, "{header}")?;
+        pairs.iter().try_for_each(|(a, b)| writeln!(out, "{a},{b}"))
+    })
+}
+
 /// Writes rows of k values, atomically.
 ///
 /// # Errors

@@ -70,6 +70,8 @@ pub struct Cell {
     pub solve_ns: Summary,
     /// Whole `transfer` frames, x kept from frame to frame.
     pub frame_ns: Summary,
+    /// Medians of the parts of a `transfer` frame by name, where the backend's frames tell them apart.
+    pub steps_ns: BTreeMap<String, u64>,
     /// New values on the same pattern: update and refactor.
     pub update_ns: Summary,
     /// At the median frame (or solve, where a frame is one).

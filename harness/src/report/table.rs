@@ -4,6 +4,7 @@ use super::numbers::{self, significant};
 use super::rows::Rows;
 use crate::record::names::{DeviceType, Status};
 use crate::record::result::{Cell, Summary};
+use lapsolve::backend::FrameStep;
 use std::fmt::Write;
 
 /// One row per cell, short enough for 100 columns of a terminal. Times in milliseconds, memory in 2^20 bytes.
@@ -128,6 +129,25 @@ pub fn reasons(cells: &[Cell]) -> String {
         let Cell { mesh, workload, backend, threads, status, .. } = cell;
         let _ =
             writeln!(lines, "{}, {workload}, {backend}, {threads} thread(s): {status}: {reason}", mesh.name);
+    }
+    lines
+}
+
+/// A line for every cell whose frames have parts: their medians in milliseconds, in the order of the frame.
+pub fn steps(cells: &[Cell]) -> String {
+    let mut lines = String::new();
+    for cell in cells.iter().filter(|cell| !cell.steps_ns.is_empty()) {
+        let part = |step: &FrameStep| {
+            Some(format!("{} {}", step.name(), milliseconds(Some(*cell.steps_ns.get(step.name())?))))
+        };
+        let parts: Vec<String> = FrameStep::ALL.iter().filter_map(part).collect();
+        let Cell { mesh, workload, backend, threads, .. } = cell;
+        let _ = writeln!(
+            lines,
+            "{}, {workload}, {backend}, {threads} thread(s), ms: {}",
+            mesh.name,
+            parts.join(", ")
+        );
     }
     lines
 }

@@ -202,7 +202,7 @@ fn print(args: &Args, result: &record::result::ResultFile) -> std::io::Result<()
         Format::Csv => output::print(&table::full(&result.cells).render(Format::Csv)),
         format => {
             output::print(&table::overview(&result.cells).render(format))?;
-            eprint!("{}", table::reasons(&result.cells));
+            eprint!("{}{}", table::steps(&result.cells), table::reasons(&result.cells));
             if let Some(hz) = args.require_hz {
                 output::print(&verdict::rows(&result.cells, hz).render(format))?;
             }

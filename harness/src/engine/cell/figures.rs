@@ -15,6 +15,8 @@ impl Running<'_> {
             Goal::Solve(_) => cell.solve_ns = summary,
             Goal::Frames(_) => cell.frame_ns = summary,
         }
+        let medians = self.steps.iter().map(|(step, samples)| (step.clone(), Summary::of(samples).p50));
+        cell.steps_ns = medians.filter_map(|(step, p50)| Some((step, p50?))).collect();
         cell.frames_per_second = summary.p50.and_then(frames::frames_per_second);
         cell.low1_fps = frames::low1_fps(&self.samples);
         cell.stutters = (!self.samples.is_empty()).then(|| frames::stutters(&self.samples));

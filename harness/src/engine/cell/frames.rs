@@ -32,6 +32,9 @@ impl Running<'_> {
         let timed = self.frames(&template, warmup)?;
         self.count(&timed);
         self.samples.extend(&timed.samples_ns);
+        for (step, samples) in timed.steps_ns {
+            self.steps.entry(step).or_default().extend(samples);
+        }
         self.check_frame(frames, last)
     }
 

@@ -31,6 +31,7 @@ use crate::verify::solution::Checked;
 use lapsolve::limits::Limits;
 use lapsolve::registry::{Accuracy, Precision};
 use ledger::Ledger;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -48,6 +49,8 @@ pub struct Running<'a> {
     /// The last solution that passed every check: the same bits need no second one.
     verified: Vec<f64>,
     samples: Vec<u64>,
+    /// Parts of each steady frame.
+    steps: BTreeMap<String, Vec<u64>>,
     /// The frame that comes next (`transfer`).
     next_frame: usize,
     allocations: Option<u64>,
@@ -109,6 +112,7 @@ impl<'a> Running<'a> {
             solution,
             verified: Vec::new(),
             samples: Vec::new(),
+            steps: BTreeMap::new(),
             next_frame: 0,
             allocations: None,
             repetitions: 0,

@@ -2,7 +2,7 @@
 
 mod clock;
 mod iterate;
-mod open_loop;
+pub mod open_loop;
 mod prepared;
 
 use super::allocation;

@@ -1,6 +1,6 @@
 //! A prepared problem in the child, and the timed repetitions on it.
 
-use super::clock::{PhaseClock, nanoseconds};
+use super::clock::{PhaseClock, StepClock, nanoseconds};
 use super::{failed, open_loop, read_rows};
 use crate::engine::allocation;
 use crate::engine::array_file::{ArrayFile, Number};
@@ -215,15 +215,20 @@ impl Prepared {
         let mut frames = Frames::new(template, self.inputs)?;
         let mut target = vec![[0.0; 3]; self.outputs];
         let handle = self.transfer()?;
+        let mut clock = StepClock::new(times);
         let step = |k: usize| {
             let pose = frames.read(k)?;
             let before = allocation::count();
             let start = Instant::now();
-            let solved = handle.frame(pose, &mut target);
-            let elapsed = start.elapsed();
-            Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
+            clock.start(start);
+            let solved = handle.observed_frame(pose, &mut target, &mut |step| clock.begin(step));
+            let end = Instant::now();
+            let (elapsed, allocations) = (end - start, allocation::count() - before);
+            clock.stop(end, k >= warmup as usize);
+            Ok(Step { elapsed, solved: solved?, allocations })
         };
-        let timed = repeat(warmup, times as u32, counts, step)?;
+        let mut timed = repeat(warmup, times as u32, counts, step)?;
+        timed.steps_ns = clock.into_samples();
         ArrayFile::write(solution, target.as_flattened(), 3)?;
         if let (Some(files), Some(inner)) = (trace, handle.trace()) {
             ArrayFile::write(&files.field, inner.field, 4)?;

@@ -135,7 +135,7 @@ impl Setting {
 impl Motion {
     fn given(inputs: &Inputs, template: &TriangleMesh) -> anyhow::Result<Option<Self>> {
         let Some(path) = &inputs.frames else { return Ok(None) };
-        let frames = frames::read(path, template.positions().len()).context("--frames")?;
+        let frames = frames::read(path, template).context("--frames")?;
         Ok(Some(Motion::Frames(frames)))
     }
 }

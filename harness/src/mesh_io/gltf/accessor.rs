@@ -46,6 +46,33 @@ pub fn indices(accessor: &Accessor<'_>, buffers: &Buffers) -> Result<Vec<u32>, F
     Ok(items(accessor, buffers)?.map(read).collect())
 }
 
+/// All numbers of an accessor whose items have `components` of them; normalised integers become fractions.
+///
+/// # Errors
+/// A fault naming the accessor.
+pub fn numbers(accessor: &Accessor<'_>, buffers: &Buffers, components: usize) -> Result<Vec<f64>, Fault> {
+    let kind = accessor.data_type();
+    let size = match kind {
+        DataType::I8 | DataType::U8 => 1,
+        DataType::I16 | DataType::U16 => 2,
+        DataType::F32 | DataType::U32 => 4,
+    };
+    if accessor.size() != size * components {
+        let what = format!("items of {} bytes where {components} numbers are expected", accessor.size());
+        return Err(fault(accessor, &what, "export the file again"));
+    }
+    let normalised = |x: f64, most: f64| if accessor.normalized() { (x / most).max(-1.0) } else { x };
+    let number = |bytes: &[u8]| match kind {
+        DataType::I8 => normalised(f64::from(bytes[0] as i8), 127.0),
+        DataType::U8 => normalised(f64::from(bytes[0]), 255.0),
+        DataType::I16 => normalised(f64::from(i16::from_le_bytes([bytes[0], bytes[1]])), 32767.0),
+        DataType::U16 => normalised(f64::from(u16::from_le_bytes([bytes[0], bytes[1]])), 65535.0),
+        DataType::U32 => f64::from(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])),
+        DataType::F32 => f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])),
+    };
+    Ok(items(accessor, buffers)?.flat_map(|item| item.chunks_exact(size)).map(number).collect())
+}
+
 /// The bytes of each item.
 fn items<'b>(
     accessor: &Accessor<'_>,

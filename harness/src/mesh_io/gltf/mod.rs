@@ -6,6 +6,7 @@
 //! positions are merged. Skinned meshes come in their bind pose, without node transform; morph targets are skipped.
 
 mod accessor;
+mod animation;
 mod buffers;
 mod transform;
 
@@ -18,6 +19,7 @@ use ::gltf::{Document, Error, Gltf, Node, Primitive, Semantic, json};
 use self::buffers::Buffers;
 use self::transform::Transform;
 use super::builder::{MeshBuilder, Parsed};
+use super::frames::Frames;
 use super::note::{Finding, Note, Tally};
 use super::weld::Welder;
 use crate::file::{Fault, Place};
@@ -39,6 +41,21 @@ pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Parsed {
     };
     let scene = AssertUnwindSafe(|| Reader::new(&document, blob, folder)?.read(&document));
     catch_unwind(scene).unwrap_or_else(|_| Err(unreadable("its structure is inconsistent")))
+}
+
+/// Positions of the vertices over time, and frames per second; see [`animation`].
+///
+/// # Errors
+/// A fault naming node, channel, accessor or buffer.
+pub fn parse_animation(bytes: &[u8], folder: Option<&Path>) -> Result<(Frames, f64), Fault> {
+    let (json, blob) = if bytes.starts_with(b"glTF") { split_binary(bytes)? } else { (bytes, None) };
+    let document = match catch_unwind(|| validated(json)) {
+        Ok(Ok(document)) => document,
+        Ok(Err(error)) => return Err(unreadable(&explain(&error))),
+        Err(_) => return Err(unreadable("its structure cannot be parsed")),
+    };
+    let frames = AssertUnwindSafe(|| animation::frames(&document, &Buffers::load(&document, blob, folder)?));
+    catch_unwind(frames).unwrap_or_else(|_| Err(unreadable("its structure is inconsistent")))
 }
 
 /// The document that `text` describes, every index in it in range.

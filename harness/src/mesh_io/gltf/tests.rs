@@ -132,3 +132,102 @@ fn a_bomb_of_instances_is_stopped() {
     let fault = parse(document(&meshes, &nodes, &embedded()).as_bytes(), None).unwrap_err();
     assert!(fault.to_string().contains("instances included"), "{fault}");
 }
+
+/// A square of which the upper half follows a joint that turns by a right angle about z within half a second, while a morph
+/// target raises the whole and a node carries it along x. Keys are sparse: 0 and 0.5 s.
+fn animated() -> (String, Vec<u8>) {
+    let mut bytes = buffer();
+    let mut starts = Vec::new();
+    let mut add = |numbers: &[f32]| {
+        starts.push(bytes.len());
+        bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+    };
+    add(&[0.0, 0.5]); // 0 times
+    let h = std::f32::consts::FRAC_1_SQRT_2;
+    add(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, h, h]); // 1 rotations
+    add(&[0.0, 1.0]); // 2 weights
+    add(&[0.0, 0.0, 3.0, 0.0, 0.0, 3.0, 0.0, 0.0, 3.0, 0.0, 0.0, 3.0]); // 3 target
+    add(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]); // 4 weights of joints
+    let identity = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    let mut back = identity;
+    back[13] = -1.0; // the second joint stands at (0, 1, 0)
+    add(&[identity, back].concat()); // 5 inverse bind matrices
+    starts.push(bytes.len());
+    bytes.extend([0, 1, 0, 0].repeat(4)); // 6 joints of the weights
+    let view = |k: usize| {
+        let end = starts.get(k + 1).copied().unwrap_or(bytes.len());
+        format!(r#"{{"buffer":0,"byteOffset":{},"byteLength":{}}}"#, starts[k], end - starts[k])
+    };
+    let views: Vec<String> = (0..7).map(view).collect();
+    let float = |view: usize, count: usize, kind: &str| {
+        format!(r#"{{"bufferView":{},"componentType":5126,"count":{count},"type":"{kind}"}}"#, view + 2)
+    };
+    let accessors = [
+        float(0, 2, r#"SCALAR","min":[0],"max":[0.5],"name":"t"#),
+        float(1, 2, "VEC4"),
+        float(2, 2, "SCALAR"),
+        float(3, 4, r#"VEC3","min":[0,0,3],"max":[0,0,3],"name":"d"#),
+        float(4, 4, "VEC4"),
+        float(5, 2, "MAT4"),
+        r#"{"bufferView":8,"componentType":5121,"count":4,"type":"VEC4"}"#.to_owned(),
+    ];
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1]}}],
+        "nodes":[{{"mesh":0,"skin":0}},{{"children":[2]}},{{"translation":[0,1,0]}}],
+        "skins":[{{"joints":[1,2],"inverseBindMatrices":8}}],
+        "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"JOINTS_0":9,"WEIGHTS_0":7}},"indices":1,
+            "targets":[{{"POSITION":6}}]}}]}}],
+        "animations":[{{"samplers":[{{"input":3,"output":4}},{{"input":3,"output":5}}],"channels":[
+            {{"sampler":0,"target":{{"node":2,"path":"rotation"}}}},{{"sampler":1,"target":{{"node":0,"path":"weights"}}}}]}}],
+        "buffers":[{{"byteLength":{}}}],
+        "bufferViews":[{{"buffer":0,"byteLength":48}},{{"buffer":0,"byteOffset":48,"byteLength":16}},{}],
+        "accessors":[
+        {{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}},
+        {{"bufferView":1,"componentType":5123,"count":6,"type":"SCALAR"}},
+        {{"bufferView":1,"byteOffset":12,"componentType":5121,"count":4,"type":"SCALAR"}},{}]}}"#,
+        bytes.len(),
+        views.join(","),
+        accessors.join(",")
+    );
+    (json, bytes)
+}
+
+fn animated_glb(json: &str, bin: &[u8]) -> Vec<u8> {
+    let mut json = json.as_bytes().to_vec();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let length = (28 + json.len() + bin.len()) as u32;
+    let chunk = |kind: &[u8], data: &[u8]| [&(data.len() as u32).to_le_bytes(), kind, data].concat();
+    [b"glTF", &2u32.to_le_bytes()[..], &length.to_le_bytes(), &chunk(b"JSON", &json), &chunk(b"BIN\0", bin)]
+        .concat()
+}
+
+#[test]
+fn skins_morph_targets_and_turning_nodes_move_the_vertices() {
+    let (json, bytes) = animated();
+    let file = animated_glb(&json, &bytes);
+    let (mesh, _) = parse(&file, None).unwrap();
+    let (frames, rate) = parse_animation(&file, None).unwrap();
+    assert_eq!((frames.len(), rate, frames.vertices()), (16, 30.0, 4));
+    assert_eq!(frames.frame(0), mesh.positions());
+    let last = frames.frame(15);
+    // Corners (0,0) (1,0) stay below; (1,1) (0,1) turn about (0,1): (1,1) -> (0,2). All rise by 3.
+    for (p, expected) in last.iter().zip([[0.0, 0.0, 3.0], [1.0, 0.0, 3.0], [0.0, 2.0, 3.0], [0.0, 1.0, 3.0]])
+    {
+        assert!(p.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{last:?}");
+    }
+    let middle = frames.frame(7); // 7/30 s of 1/2 s: 42 degrees
+    let (sin, cos) = 42f64.to_radians().sin_cos();
+    assert!((middle[2][0] - cos).abs() < 1e-6 && (middle[2][1] - 1.0 - sin).abs() < 1e-6, "{middle:?}");
+    for (from, to, part) in [
+        (r#""animations""#, r#""other""#, "no animation"),
+        (r#"{"input":3,"output":4}"#, r#"{"input":4,"output":4}"#, ""),
+        (r#"{"input":3,"output":4}"#, r#"{"input":3,"output":5}"#, ""),
+        (r#""joints":[1,2]"#, r#""joints":[1]"#, "a joint its skin does not have"),
+        (r#""count":2,"type":"MAT4""#, r#""count":1,"type":"MAT4""#, "fewer bind matrices"),
+    ] {
+        assert!(json.contains(from), "{from}");
+        let fault = parse_animation(&animated_glb(&json.replacen(from, to, 1), &bytes), None).unwrap_err();
+        assert!(fault.to_string().contains(part), "{from}: {fault}");
+    }
+    assert!((0..file.len()).step_by(7).all(|length| parse_animation(&file[..length], None).is_err()));
+}

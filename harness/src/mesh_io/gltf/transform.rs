@@ -32,6 +32,26 @@ impl Transform {
         }
     }
 
+    /// The transform of a node some of whose parts are animated: translation, rotation (x, y, z, w), scale.
+    pub fn moved(node: &Node<'_>, parts: &[Option<Vec<f64>>; 3]) -> Self {
+        let (translation, rotation, scale) = node.transform().decomposed();
+        let part = |k: usize, own: &[f32]| {
+            parts[k].clone().unwrap_or_else(|| own.iter().copied().map(f64::from).collect())
+        };
+        let (t, r, s) = (part(0, &translation), part(1, &rotation), part(2, &scale));
+        let mut columns = rotation_columns([r[0], r[1], r[2], r[3]]);
+        for (column, s) in columns.iter_mut().zip(s) {
+            *column = column.map(|x| x * s);
+        }
+        let [x, y, z] = columns;
+        Self { columns: [x, y, z, [t[0], t[1], t[2]]] }
+    }
+
+    /// The map of a 4 x 4 matrix by columns, the last row of which is (0, 0, 0, 1).
+    pub fn of_matrix(m: &[f64; 16]) -> Self {
+        Self { columns: [0, 1, 2, 3].map(|c| [m[4 * c], m[4 * c + 1], m[4 * c + 2]]) }
+    }
+
     /// The map that applies `inner` first and then this one.
     pub fn then(&self, inner: &Self) -> Self {
         let [x, y, z, t] = inner.columns;

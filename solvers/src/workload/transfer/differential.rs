@@ -3,10 +3,15 @@
 use super::fragments::{Fragments, Turn};
 use super::marks::MarkPose;
 use super::{TransferError, TransferProblem};
-use crate::backend::{Backend, Footprint, FrameTrace, Harmonic, Phase, PrepareOptions, Solved};
+use crate::backend::{Backend, Footprint, FrameStep, FrameTrace, Harmonic, Phase, PrepareOptions, Solved};
 use crate::columns::Columns;
-use crate::error::SolveError;
+use crate::error::{PrepareError, SolveError};
 use crate::rotation::Quaternion;
+use crate::team::Team;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Marks that are worth waking the other threads for: some 50 us of work for one.
+const MANY: usize = 256;
 
 /// Columns of the harmonic field: the components of a quaternion.
 const FIELD: usize = 4;
@@ -16,6 +21,7 @@ pub struct DifferentialCoordinates {
     problem: TransferProblem,
     harmonic: Box<dyn Harmonic>,
     fragments: Fragments,
+    team: Team,
     poses: Vec<MarkPose>,
     values: Vec<f64>,
     /// Step 2 as solved, n x 4; the initial guess of the next frame.
@@ -29,8 +35,16 @@ pub struct DifferentialCoordinates {
     replaced: usize,
 }
 
+/// What a pose leaves for the placement of the solution.
+pub(super) struct Posed<'a> {
+    pub(super) problem: &'a TransferProblem,
+    pub(super) poses: &'a [MarkPose],
+    pub(super) quaternions: &'a [Quaternion],
+}
+
 impl DifferentialCoordinates {
-    /// Prepares the harmonic system on `backend`; `order` is an elimination order in vertex numbering, if one is known.
+    /// Prepares the harmonic system on `backend`; `order` is an elimination order in vertex numbering, if one is known. What
+    /// is done here runs on as many threads as the backend's solves.
     ///
     /// # Errors
     /// [`TransferError::Prepare`] with what the backend says.
@@ -43,6 +57,7 @@ impl DifferentialCoordinates {
         let order = order.map(|order| problem.harmonic.restrict_order(order));
         let options = PrepareOptions { max_columns: FIELD, order: order.as_deref() };
         let harmonic = backend.prepare_harmonic(&problem.harmonic, &options, on)?;
+        let team = Team::new(backend.describe().threads.max(1)).map_err(no_threads)?;
         let fragments = Fragments::new(&problem.laplacian, problem.target.positions());
         let n = problem.target.positions().len();
         Ok(Self {
@@ -57,6 +72,7 @@ impl DifferentialCoordinates {
             problem: problem.clone(),
             harmonic,
             fragments,
+            team,
         })
     }
 
@@ -68,10 +84,22 @@ impl DifferentialCoordinates {
     /// # Panics
     /// If the number of template vertices differs.
     pub fn compute(&mut self, template: &[[f64; 3]]) -> Result<Solved, SolveError> {
+        self.observed(template, &mut |_| {})
+    }
+
+    /// As [`compute`](Self::compute), announcing its steps.
+    pub(super) fn observed(
+        &mut self,
+        template: &[[f64; 3]],
+        on: &mut dyn FnMut(FrameStep),
+    ) -> Result<Solved, SolveError> {
+        on(FrameStep::Marks);
         self.pose(template)?;
+        on(FrameStep::Field);
         let (n, rows) = (self.quaternions.len(), self.values.len() / FIELD);
         let values = Columns::new(&self.values[..], rows, FIELD);
         let solved = self.harmonic.solve(values, Columns::new(&mut self.field, n, FIELD))?;
+        on(FrameStep::Fragments);
         self.break_apart();
         Ok(solved)
     }
@@ -89,6 +117,12 @@ impl DifferentialCoordinates {
     /// Unit quaternions at the vertices in the last pose; zero outside of the marked components.
     pub fn quaternions(&self) -> &[Quaternion] {
         &self.quaternions
+    }
+
+    /// What the last pose left, with the team free for work of the caller.
+    pub(super) fn with_team(&mut self) -> (Posed<'_>, &mut Team) {
+        let Self { problem, poses, quaternions, team, .. } = self;
+        (Posed { problem, poses, quaternions }, team)
     }
 
     /// Constraint values, field and U of the last pose.
@@ -110,20 +144,33 @@ impl DifferentialCoordinates {
 
     /// Step 1 and the input of step 2: rotations of the marks, values at the constrained vertices.
     fn pose(&mut self, template: &[[f64; 3]]) -> Result<(), SolveError> {
-        let collapsed = self.problem.marks.pose(template, &mut self.poses)?;
+        let marks = &self.problem.marks;
+        let collapsed = if self.poses.len() < MANY {
+            marks.pose(template, &mut self.poses)?
+        } else {
+            assert_eq!(template.len(), marks.template_vertices(), "template: one position per vertex");
+            self.team.for_each_run(&mut self.poses, 1, |range, poses| marks.turn(template, range, poses));
+            marks.agree(template, &mut self.poses)?
+        };
         self.replaced = collapsed + self.problem.marks.constraint_values(&self.poses, &mut self.values);
         Ok(())
     }
 
     /// The end of step 2, and steps 3 and 4: from the field to U.
     fn break_apart(&mut self) {
-        let (n, m) = (self.quaternions.len(), self.fragments.triangles());
-        let vanished = self.fragments.normalise(&self.field, 0..n, &mut self.quaternions);
-        if vanished > self.outside {
+        let (fragments, field, vanished) = (&self.fragments, &self.field, AtomicUsize::new(0));
+        self.team.for_each_run(&mut self.quaternions, 1, |vertices, quaternions| {
+            vanished.fetch_add(fragments.normalise(field, vertices, quaternions), Ordering::Relaxed);
+        });
+        if vanished.into_inner() > self.outside {
             self.replace_vanished();
         }
-        self.fragments.turn(&self.quaternions, 0..m, &mut self.turns);
-        self.fragments.gather(&self.turns, 0..n, &mut self.rhs);
+        let (fragments, quaternions) = (&self.fragments, &self.quaternions);
+        self.team.for_each_run(&mut self.turns, 1, |triangles, turns| {
+            fragments.turn(quaternions, triangles, turns);
+        });
+        let turns = &self.turns;
+        self.team.for_each_run(&mut self.rhs, 3, |vertices, rhs| fragments.gather(turns, vertices, rhs));
     }
 
     /// Gives vertices whose quaternion vanished that of the nearest mark. Vertices in no system have no field and keep a zero.
@@ -136,6 +183,11 @@ impl DifferentialCoordinates {
             }
         }
     }
+}
+
+/// The system refuses a thread.
+fn no_threads(error: std::io::Error) -> PrepareError {
+    PrepareError::Unsupported { what: format!("threads that the system refuses ({error})") }
 }
 
 #[cfg(test)]

@@ -3,7 +3,9 @@
 use super::differential::DifferentialCoordinates;
 use super::marks::centroid;
 use super::{TransferError, TransferProblem};
-use crate::backend::{Backend, Footprint, FrameTrace, Phase, PrepareOptions, Solved, TransferFrame};
+use crate::backend::{
+    Backend, Footprint, FrameStep, FrameTrace, Phase, PrepareOptions, Solved, TransferFrame,
+};
 use crate::columns::Columns;
 use crate::error::SolveError;
 use crate::poisson::Poisson;
@@ -50,31 +52,34 @@ impl Transfer {
 
     /// The end of step 5: one translation per marked component, then what follows or stays.
     fn place(&mut self, target: &mut [[f64; 3]]) {
-        let problem = self.differential.problem();
         let solved = self.solution.as_chunks::<SPACE>().0;
+        let (differential, team) = self.differential.with_team();
+        let problem = differential.problem;
         self.shifts.fill([0.0; 3]);
-        let marks = problem.marks.all().iter().zip(self.differential.poses()).zip(problem.pieces.of_mark());
+        let marks = problem.marks.all().iter().zip(differential.poses).zip(problem.pieces.of_mark());
         for ((mark, pose), &piece) in marks {
             let missing = sub(pose.centroid, centroid(mark.target.map(|v| solved[v as usize])));
             let share = 1.0 / f64::from(problem.pieces.marks_of()[piece as usize]);
             let shift = &mut self.shifts[piece as usize];
             *shift = add(*shift, scale(share, missing));
         }
-        match self.shifts[..] {
-            [shift] => target.iter_mut().zip(solved).for_each(|(x, &s)| *x = add(s, shift)),
-            _ => {
-                for (v, (x, &s)) in target.iter_mut().zip(solved).enumerate() {
-                    *x = add(s, self.shifts[problem.pieces.of_vertex(v)]);
-                }
+        let shifts = &self.shifts;
+        team.for_each_run(target, 1, |vertices, target| {
+            let moved = target.iter_mut().zip(&solved[vertices.clone()]);
+            match shifts[..] {
+                [shift] => moved.for_each(|(x, &s)| *x = add(s, shift)),
+                _ => moved
+                    .zip(vertices)
+                    .for_each(|((x, &s), v)| *x = add(s, shifts[problem.pieces.of_vertex(v)])),
             }
-        }
+        });
         let reference = problem.target.positions();
         for &v in problem.pieces.unreferenced() {
             target[v as usize] = reference[v as usize];
         }
         for piece in problem.pieces.detached() {
             let anchor = piece.anchor as usize;
-            let (rotation, at) = (self.differential.quaternions()[anchor], target[anchor]);
+            let (rotation, at) = (differential.quaternions[anchor], target[anchor]);
             for &v in &piece.vertices {
                 target[v as usize] = add(at, rotate(rotation, sub(reference[v as usize], reference[anchor])));
             }
@@ -84,11 +89,22 @@ impl Transfer {
 
 impl TransferFrame for Transfer {
     fn frame(&mut self, template: &[[f64; 3]], target: &mut [[f64; 3]]) -> Result<Solved, SolveError> {
+        self.observed_frame(template, target, &mut |_| {})
+    }
+
+    fn observed_frame(
+        &mut self,
+        template: &[[f64; 3]],
+        target: &mut [[f64; 3]],
+        on: &mut dyn FnMut(FrameStep),
+    ) -> Result<Solved, SolveError> {
         let n = self.solution.len() / SPACE;
         assert_eq!(target.len(), n, "target: one position per vertex");
-        let field = self.differential.compute(template)?;
+        let field = self.differential.observed(template, on)?;
+        on(FrameStep::Positions);
         let rhs = Columns::new(self.differential.trace().rhs, n, SPACE);
         let space = self.poisson.solve(rhs, Columns::new(&mut self.solution, n, SPACE))?;
+        on(FrameStep::Placement);
         self.place(target);
         Ok(worse(field, space))
     }

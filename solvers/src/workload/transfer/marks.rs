@@ -10,6 +10,7 @@ use crate::rotation::{
 };
 use crate::triangle::shape;
 use crate::vector::{Vector, add, cross, distance_squared, dot, norm, scale, sub};
+use std::ops::Range;
 
 /// A norm below which an average of unit quaternions says nothing about a rotation any more.
 pub const LEAST_NORM: f64 = 1e-3;
@@ -27,6 +28,9 @@ pub struct Mark {
     pub offset: Vector,
     reference: Frame,
 }
+
+/// Stands for "no rotation" until the mean rotation is known.
+const UNKNOWN: Quaternion = [0.0; 4];
 
 /// What a mark does in a pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -133,22 +137,32 @@ impl Marks {
     pub fn pose(&self, template: &[[f64; 3]], poses: &mut [MarkPose]) -> Result<usize, SolveError> {
         assert_eq!(template.len(), self.template_vertices, "template: one position per vertex");
         assert_eq!(poses.len(), self.marks.len(), "poses: one per mark");
-        /// Stands for "no rotation" until qbar is known.
-        const UNKNOWN: Quaternion = [0.0; 4];
-        let mut collapsed = 0;
-        for (mark, pose) in self.marks.iter().zip(poses.iter_mut()) {
+        self.turn(template, 0..poses.len(), poses);
+        self.agree(template, poses)
+    }
+
+    /// The first half of [`pose`](Self::pose), mark by mark: rotations without a common sign, and centroids of marks `range`
+    /// into `poses` (theirs alone). Collapsed triangles have rotation 0.
+    pub(super) fn turn(&self, template: &[[f64; 3]], range: Range<usize>, poses: &mut [MarkPose]) {
+        for (mark, pose) in self.marks[range].iter().zip(poses) {
             let corners = mark.template.map(|v| template[v as usize]);
-            if let Some(c) = corners.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
-                return Err(SolveError::NonFinite { row: mark.template[c] as usize });
-            }
             let turn = |frame: Frame| {
                 let a = self.alignment.rotation;
                 product(product(a, from_matrix(&mark.reference.rotation_to(&frame))), conjugate(a))
             };
             pose.rotation = Frame::of(corners).map_or(UNKNOWN, turn);
-            collapsed += usize::from(pose.rotation == UNKNOWN);
             pose.centroid = self.alignment.apply(centroid(corners));
         }
+    }
+
+    /// The second half of [`pose`](Self::pose): signs that agree, collapsed triangles, places.
+    pub(super) fn agree(&self, template: &[[f64; 3]], poses: &mut [MarkPose]) -> Result<usize, SolveError> {
+        let lost = |p: &[f64; 3]| p.iter().any(|x| !x.is_finite());
+        let corners = || self.marks.iter().flat_map(|mark| mark.template);
+        if let Some(v) = corners().find(|&v| lost(&template[v as usize])) {
+            return Err(SolveError::NonFinite { row: v as usize });
+        }
+        let collapsed = poses.iter().filter(|pose| pose.rotation == UNKNOWN).count();
         let (mean, _) = dominant_eigenvector(&outer_products(poses.iter().map(|p| p.rotation)));
         for (mark, pose) in self.marks.iter().zip(poses) {
             if pose.rotation == UNKNOWN {
