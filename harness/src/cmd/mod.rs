@@ -3,8 +3,10 @@
 //! A new subcommand is a file with a `clap::Args` struct and a `run`, a `mod` line, a variant of `Command` and an arm
 //! in `dispatch`. Data goes to stdout through [`output`], everything else to stderr.
 
+pub mod choose;
 pub mod compare;
 pub mod completions;
+pub mod cost_model;
 pub mod doctor;
 pub mod list;
 pub mod matrix;
@@ -14,6 +16,7 @@ pub mod render;
 pub mod run;
 pub mod schema;
 pub mod solve;
+pub mod trend;
 pub mod validate;
 
 use crate::exit::Exit;
@@ -44,6 +47,9 @@ enum Command {
     Matrix(matrix::Args),
     Render(render::Args),
     Compare(compare::Args),
+    Trend(trend::Args),
+    Choose(Box<choose::Args>),
+    CostModel(cost_model::Args),
     List(list::Args),
     Doctor(doctor::Args),
     Schema(schema::Args),
@@ -107,6 +113,9 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Matrix(args) => matrix::run(&args, context),
         Command::Render(args) => render::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Trend(args) => trend::run(&args),
+        Command::Choose(args) => choose::run(&args, context),
+        Command::CostModel(args) => cost_model::run(&args, context),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),
         Command::Peer(args) => peer::run(&args, context),

@@ -16,7 +16,7 @@ use super::session::{Failure, Session};
 use super::settings::Settings;
 use super::solver::Solver;
 use super::source::Source;
-use super::task::{Goal, Task};
+use super::task::{Edit, Goal, Task};
 use crate::record::names::Status;
 use crate::record::result::{Cell, Phases};
 use crate::statistics::percentiles;
@@ -24,6 +24,7 @@ use crate::verify::solution::Checked;
 use lapsolve::limits::Limits;
 use lapsolve::registry::{Accuracy, Precision};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// A cell in the making. Whatever happens to its process becomes its status; no method fails.
 pub struct Running<'a> {
@@ -39,6 +40,8 @@ pub struct Running<'a> {
     /// The last solution that passed every check: the same bits need no second one.
     verified: Vec<f64>,
     samples: Vec<u64>,
+    /// Times of changes: new values, or edits of the constraints.
+    changes: Vec<u64>,
     /// The frame that comes next (`transfer`).
     next_frame: usize,
     allocations: Option<u64>,
@@ -86,6 +89,7 @@ impl<'a> Running<'a> {
             solution: task.solution_path(index),
             verified: Vec::new(),
             samples: Vec::new(),
+            changes: Vec::new(),
             next_frame: 0,
             allocations: None,
             repetitions: 0,
@@ -129,6 +133,38 @@ impl<'a> Running<'a> {
             Goal::Frames(frames) => self.steady_frames(frames, warmup, times),
         };
         self.settle(outcome);
+    }
+
+    /// New values and back again for about `time`, at least once. Where the solver cannot, the row says so and nothing is
+    /// measured.
+    pub fn change_values(&mut self, time: Duration) {
+        let task = self.task;
+        if let (true, Goal::Solve(solve)) = (self.is_live(), &task.goal) {
+            let outcome = self.updates_for(solve, time);
+            self.settle(outcome);
+        }
+    }
+
+    /// Other constraints and back again for about `time`, at least once; as [`change_values`](Self::change_values).
+    pub fn change_constraints(&mut self, edit: &Edit, time: Duration) {
+        let task = self.task;
+        if let (true, Goal::Solve(solve)) = (self.is_live(), &task.goal) {
+            let outcome = self.edits(solve, edit, time);
+            self.settle(outcome);
+        }
+    }
+
+    /// Asks for peak memory and factor once more.
+    pub fn look_at_memory(&mut self) {
+        if self.is_live() {
+            let outcome = self.memory();
+            self.settle(outcome);
+        }
+    }
+
+    /// Times of the changes so far, nanoseconds.
+    pub fn changes(&self) -> &[u64] {
+        &self.changes
     }
 
     /// Measures the read bandwidth at the factor's size, in this process, for comparison.

@@ -1,0 +1,110 @@
+//! Vulkan: the loader, the drivers that are installed, and the device that the backends would use.
+
+use super::finding::Finding;
+use crate::environment::Root;
+use crate::record::names::{DeviceType, Family};
+use lapsolve::registry::{Entry, OpenOptions};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Folders where a Linux system keeps shared libraries.
+const LIBRARIES: [&str; 8] = [
+    "usr/lib",
+    "usr/lib64",
+    "lib",
+    "lib64",
+    "usr/lib/x86_64-linux-gnu",
+    "usr/lib/aarch64-linux-gnu",
+    "usr/local/lib",
+    "run/opengl-driver/lib",
+];
+
+/// Folders of the manifests by which drivers announce themselves to the loader.
+const MANIFESTS: [&str; 4] =
+    ["usr/share/vulkan/icd.d", "etc/vulkan/icd.d", "usr/local/share/vulkan/icd.d", "run/opengl-driver/share/vulkan/icd.d"];
+
+/// Loader and drivers as files below `root`.
+pub fn installed(root: &Root) -> Vec<Finding> {
+    let loaders: Vec<String> = LIBRARIES
+        .iter()
+        .flat_map(|folder| root.entries(folder))
+        .filter(|path| name(path).starts_with("libvulkan.so.1"))
+        .map(|path| format!("/{}", path.strip_prefix(&root.0).unwrap_or(&path).display()))
+        .collect();
+    let drivers: BTreeSet<String> = MANIFESTS
+        .iter()
+        .flat_map(|folder| root.entries(folder))
+        .map(|path| name(&path))
+        .filter(|name| name.ends_with(".json"))
+        .map(|name| name.trim_end_matches(".json").to_owned())
+        .collect();
+    let list = |items: Vec<String>, none: &str| if items.is_empty() { none.to_owned() } else { items.join(", ") };
+    vec![
+        Finding::new(
+            "Vulkan loader",
+            Some(!loaders.is_empty()),
+            list(loaders, "not found"),
+            "install it, with Debian `apt-get install libvulkan1`; without it no GPU backend runs",
+        ),
+        Finding::new(
+            "Vulkan drivers",
+            Some(!drivers.is_empty()),
+            list(drivers.into_iter().collect(), "none"),
+            "install the driver of your GPU (AMD, Intel: `apt-get install mesa-vulkan-drivers`, which has software Vulkan \
+             for tests too; NVIDIA: its own driver)",
+        ),
+    ]
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The devices that the GPU backends of `backends` open, with what the drivers say of themselves.
+pub fn devices(backends: &[Entry]) -> Vec<Finding> {
+    let mut findings: Vec<Finding> = Vec::new();
+    for entry in backends.iter().filter(|e| Family::from(e.family) == Family::Gpu) {
+        let Ok(backend) = (entry.open)(&OpenOptions::default()) else { continue };
+        let found = backend.describe();
+        let details: Vec<String> = found.details.iter().map(|(name, value)| format!("{name} {value}")).collect();
+        let kind = DeviceType::from(found.device_type);
+        let finding = Finding::new(
+            "Vulkan device",
+            Some(kind != DeviceType::SoftwareVulkan),
+            [vec![format!("{} ({kind})", found.device)], details].concat().join(", "),
+            "this driver computes on the CPU: good for tests, not for figures; a GPU needs its own driver and access to /dev/dri",
+        );
+        if !findings.contains(&finding) {
+            findings.push(finding);
+        }
+    }
+    findings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_installed_is_said_with_the_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let found = installed(&Root(folder.path().to_owned()));
+        assert!(found.iter().all(|f| f.good == Some(false) && f.remedy.is_some()), "{found:?}");
+    }
+
+    #[test]
+    fn loader_and_drivers_are_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |path: &str| {
+            let path = folder.path().join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        };
+        file("usr/lib64/libvulkan.so.1");
+        file("usr/share/vulkan/icd.d/lvp_icd.x86_64.json");
+        file("usr/share/vulkan/icd.d/README");
+        let found = installed(&Root(folder.path().to_owned()));
+        assert_eq!(found[0].found, "/usr/lib64/libvulkan.so.1");
+        assert_eq!((found[1].found.as_str(), found[1].good), ("lvp_icd.x86_64", Some(true)));
+    }
+}
