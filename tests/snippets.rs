@@ -126,7 +126,8 @@ fn the_printed_project_compiles() {
 fn features_are_named() {
     for entry in lapsolve::registry::BACKENDS {
         let line = snippet::dependency(entry.id);
-        let feature = ["faer", "nalgebra", "sprs-ldl", "sprs", "vulkan"].iter().find(|f| entry.id.starts_with(**f));
+        let feature =
+            ["faer", "nalgebra", "sprs-ldl", "sprs", "vulkan"].iter().find(|f| entry.id.starts_with(**f));
         match feature {
             Some(feature) => assert!(line.contains(&format!("features = [\"{feature}\"]")), "{line}"),
             None => assert!(line.contains("default-features = false }"), "{line}"),

@@ -28,7 +28,10 @@ fn a_choice_keeps_the_rules_and_gives_its_evidence() {
     for row in ranked {
         let figures = &row["figures"];
         assert!(figures["error"].as_f64().is_some_and(|e| e <= 1e-8), "{figures}");
-        assert!(figures["solves"].as_u64().is_some_and(|n| n > 0) && figures["peak_bytes"].is_u64(), "{figures}");
+        assert!(
+            figures["solves"].as_u64().is_some_and(|n| n > 0) && figures["peak_bytes"].is_u64(),
+            "{figures}"
+        );
     }
     // A wrong answer is never chosen, a missing device is said, a slow one is slow.
     assert_eq!(rule(&answer, "wrong"), Some("accuracy"));
@@ -42,7 +45,8 @@ fn a_choice_keeps_the_rules_and_gives_its_evidence() {
 #[test]
 fn changes_count_into_the_total() {
     for updates in ["values", "constraints"] {
-        let (code, answer) = json(&format!("choose --mesh sphere:3 --frames 50 --threads 1 --updates {updates}"));
+        let (code, answer) =
+            json(&format!("choose --mesh sphere:3 --frames 50 --threads 1 --updates {updates}"));
         assert_eq!(code, 0);
         let first = &answer["ranked"][0];
         let cost = &first["figures"]["cost"];
@@ -64,7 +68,10 @@ fn a_choice_that_cannot_be_made_is_exit_code_1_and_says_why() {
     assert_eq!((code, rule(&answer, "framechol-f64")), (1, Some("gpu")));
     assert_eq!(lapbench("choose --mesh absent.ply").status.code(), Some(1));
     assert_eq!(lapbench("choose --mesh sphere:2 --accuracy 2").status.code(), Some(2));
-    assert_eq!(lapbench("choose --mesh sphere:2 --workload poisson --updates constraints").status.code(), Some(1));
+    assert_eq!(
+        lapbench("choose --mesh sphere:2 --workload poisson --updates constraints").status.code(),
+        Some(1)
+    );
 }
 
 #[test]
@@ -81,20 +88,27 @@ fn predictions_say_so_and_how_far_they_are_off() {
 fn a_single_file_ranks_its_backends() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let out = folder.path().join("r.json").display().to_string();
-    let run = format!("run --quick --mesh sphere:2 --workload harmonic --threads 1 --cell-time 0.3 --backend dense,slow --out {out}");
+    let run = format!(
+        "run --quick --mesh sphere:2 --workload harmonic --threads 1 --cell-time 0.3 --backend dense,slow --out {out}"
+    );
     assert_eq!(lapbench(&run).status.code(), Some(0));
     let (code, pairs) = json(&format!("compare {out}"));
     assert_eq!((code, &pairs[0]["backend"], &pairs[1]["backend"]), (0, &"dense".into(), &"slow".into()));
-    assert!(pairs[1]["ratio_low"].as_f64().is_some_and(|r| r > 2.0) && pairs[1]["verdict"] == "slower", "{pairs}");
+    assert!(
+        pairs[1]["ratio_low"].as_f64().is_some_and(|r| r > 2.0) && pairs[1]["verdict"] == "slower",
+        "{pairs}"
+    );
 }
 
 #[test]
 fn other_machines_do_not_compare_unless_told() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (here, there) = (folder.path().join("here.json"), folder.path().join("there.json"));
-    let run = "run --quick --mesh sphere:2 --workload harmonic --threads 1 --cell-time 0.1 --backend dense --out";
+    let run =
+        "run --quick --mesh sphere:2 --workload harmonic --threads 1 --cell-time 0.1 --backend dense --out";
     assert_eq!(lapbench(&format!("{run} {}", here.display())).status.code(), Some(0));
-    let text = std::fs::read_to_string(&here).expect("text").replacen("\"cpu\":", "\"cpu\":\"other\",\"x\":", 1);
+    let text =
+        std::fs::read_to_string(&here).expect("text").replacen("\"cpu\":", "\"cpu\":\"other\",\"x\":", 1);
     std::fs::write(&there, text).expect("written");
     let compare = format!("compare {} {} {}", here.display(), here.display(), there.display());
     assert_eq!(lapbench(&compare).status.code(), Some(6));
@@ -106,7 +120,10 @@ fn other_machines_do_not_compare_unless_told() {
     let (_, pairs) = json(&format!("{compare} --allow-env-mismatch"));
     assert_eq!(pairs.as_array().map(Vec::len), Some(2));
     // The same file twice: no change, and an interval around 1.
-    assert!(pairs[0]["ratio_low"].as_f64() <= Some(1.0) && pairs[0]["ratio_high"].as_f64() >= Some(1.0), "{pairs}");
+    assert!(
+        pairs[0]["ratio_low"].as_f64() <= Some(1.0) && pairs[0]["ratio_high"].as_f64() >= Some(1.0),
+        "{pairs}"
+    );
 }
 
 #[test]
@@ -139,7 +156,9 @@ fn a_machine_that_tells_nothing_is_no_panic() {
     let of = |subject: &str| findings.iter().find(|f| f["subject"] == subject).expect("a finding");
     assert_eq!((&of("governor")["found"], &of("governor")["good"]), (&"unknown".into(), &Value::Null));
     assert_eq!(of("Vulkan loader")["good"], false);
-    assert!(findings.iter().all(|f| f["good"] != false || f["remedy"].as_str().is_some_and(|r| !r.is_empty())));
+    assert!(
+        findings.iter().all(|f| f["good"] != false || f["remedy"].as_str().is_some_and(|r| !r.is_empty()))
+    );
 }
 
 #[test]
@@ -148,6 +167,9 @@ fn the_noise_floor_is_measured() {
     let findings = report["findings"].as_array().expect("rows");
     let of = |subject: &str| findings.iter().find(|f| f["subject"] == subject).expect("a finding");
     assert_eq!(code, 0);
-    assert!(of("noise floor")["found"].as_str().is_some_and(|text| text.starts_with("A/A: half of")), "{report}");
+    assert!(
+        of("noise floor")["found"].as_str().is_some_and(|text| text.starts_with("A/A: half of")),
+        "{report}"
+    );
     assert!(of("memory bandwidth")["found"].as_str().is_some_and(|text| text.contains("1: ")), "{report}");
 }

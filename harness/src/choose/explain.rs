@@ -29,8 +29,11 @@ fn parts(cost: &Cost, question: &Question) -> String {
         (Updates::Constraints, false) => "to edit the constraints",
         (Updates::Values, false) => "to take new values",
     };
-    let every =
-        if question.update_every == 1 { String::new() } else { format!(" every {} frames", question.update_every) };
+    let every = if question.update_every == 1 {
+        String::new()
+    } else {
+        format!(" every {} frames", question.update_every)
+    };
     format!(" ({} {what}{every}, {} to solve)", time(cost.change), time(cost.solve))
 }
 
@@ -50,9 +53,13 @@ fn why(ranked: &[Ranked], question: &Question) -> String {
     let lead = format!("The next one, {name}, takes {:.2} times as long", next.ratio);
     let (set_up, frame) = (a.set_up + a.first <= b.set_up + b.first, a.frame(question) <= b.frame(question));
     match (set_up, frame) {
-        (true, true) => format!("{lead}, slower both to prepare and in a frame, so the number of frames does not matter."),
+        (true, true) => {
+            format!("{lead}, slower both to prepare and in a frame, so the number of frames does not matter.")
+        }
         (false, true) => match a.cheaper_from(b, question) {
-            Some(from) => format!("{lead}: it is prepared sooner, but from {from} frames on the faster frame pays."),
+            Some(from) => {
+                format!("{lead}: it is prepared sooner, but from {from} frames on the faster frame pays.")
+            }
             None => format!("{lead}."),
         },
         _ => match b.cheaper_from(a, question) {
@@ -65,7 +72,9 @@ fn why(ranked: &[Ranked], question: &Question) -> String {
 fn keeps(first: &Ranked, question: &Question) -> String {
     let figures = &first.figures;
     let error = match (figures.error, figures.error_is_certain || figures.solves == 0) {
-        (Some(error), true) => format!("Its error is at most {error:.0e} ({:.0e} asked for)", question.accuracy),
+        (Some(error), true) => {
+            format!("Its error is at most {error:.0e} ({:.0e} asked for)", question.accuracy)
+        }
         (Some(residual), false) => {
             format!("Its relative residual is {residual:.0e}, and no more can be certified on this mesh")
         }
@@ -74,9 +83,13 @@ fn keeps(first: &Ranked, question: &Question) -> String {
             None => format!("It stops at a relative residual of {:.0e}", question.accuracy),
         },
     };
-    let memory = figures.peak_bytes.map_or_else(String::new, |b| format!(", its process takes {:.0} MB", b as f64 * 1e-6));
+    let memory = figures
+        .peak_bytes
+        .map_or_else(String::new, |b| format!(", its process takes {:.0} MB", b as f64 * 1e-6));
     let late = match (figures.late, question.budget_ms) {
-        (Some(late), Some(budget)) => format!(", and {:.1}% of its frames were over {budget} ms", 100.0 * late),
+        (Some(late), Some(budget)) => {
+            format!(", and {:.1}% of its frames were over {budget} ms", 100.0 * late)
+        }
         _ => String::new(),
     };
     format!("{error}{memory}{late}.")
@@ -90,7 +103,13 @@ pub fn time(ns: f64) -> String {
         ns if ns < 120e9 => (ns * 1e-9, "s"),
         ns => (ns / 60e9, "min"),
     };
-    let decimals = if value < 10.0 { 2 } else if value < 100.0 { 1 } else { 0 };
+    let decimals = if value < 10.0 {
+        2
+    } else if value < 100.0 {
+        1
+    } else {
+        0
+    };
     format!("{value:.decimals$} {unit}")
 }
 
@@ -103,7 +122,13 @@ mod tests {
 
     fn figures(backend: &str, set_up: f64, solve: f64, change: f64) -> Figures {
         let cost = Cost { set_up, first: solve, solve, change, prepares_anew: false };
-        Figures { backend: backend.into(), cost, error: Some(1e-12), error_is_certain: true, ..Figures::default() }
+        Figures {
+            backend: backend.into(),
+            cost,
+            error: Some(1e-12),
+            error_is_certain: true,
+            ..Figures::default()
+        }
     }
 
     #[test]
@@ -112,7 +137,14 @@ mod tests {
         let all = vec![figures("a", 1e9, 1e6, 0.0), figures("b", 1e8, 1e8, 0.0)];
         let text = explain(&rank(all, &q), &q);
         assert_eq!(text.matches(". ").count(), 2, "{text}");
-        for part in ["a is prepared in 1.00 s", "a frame takes 1.00 ms", "2.00 s for 1000 frames", "b, takes 50.05 times", "from 10 frames on", "at most 1e-12"] {
+        for part in [
+            "a is prepared in 1.00 s",
+            "a frame takes 1.00 ms",
+            "2.00 s for 1000 frames",
+            "b, takes 50.05 times",
+            "from 10 frames on",
+            "at most 1e-12",
+        ] {
             assert!(text.contains(part), "{part} is not in: {text}");
         }
     }
@@ -121,7 +153,10 @@ mod tests {
     fn changes_are_told_apart_from_solves() {
         let q = question(Updates::Values, 10);
         let text = explain(&rank(vec![figures("a", 1e6, 1e6, 3e6)], &q), &q);
-        assert!(text.contains("a frame takes 4.00 ms (3.00 ms to take new values, 1.00 ms to solve)"), "{text}");
+        assert!(
+            text.contains("a frame takes 4.00 ms (3.00 ms to take new values, 1.00 ms to solve)"),
+            "{text}"
+        );
         assert_eq!(explain(&[], &q), "No backend keeps every rule.");
     }
 

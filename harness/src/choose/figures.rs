@@ -44,6 +44,8 @@ pub struct Samples {
     pub firsts: Vec<u64>,
     /// Changes, nanoseconds.
     pub changes: Vec<u64>,
+    /// Whether they are fresh preparations.
+    pub prepares_anew: bool,
     /// Median solves of the rounds, nanoseconds.
     pub rounds: Vec<f64>,
 }
@@ -68,7 +70,7 @@ impl Figures {
         let first = middle(&samples.firsts).unwrap_or(0.0);
         let (change, prepares_anew) = match (question.updates, middle(&samples.changes)) {
             (Updates::Never, _) => (0.0, false),
-            (_, Some(change)) => (change, false),
+            (_, Some(change)) => (change, samples.prepares_anew),
             (_, None) => (set_up, true),
         };
         let solve = middle(&row.samples_ns).unwrap_or(first);
@@ -130,9 +132,8 @@ mod tests {
     fn without_edits_a_change_is_a_fresh_preparation() {
         let mut samples = Samples::default();
         samples.add_set_up(&row());
-        let cost = |samples: &Samples| {
-            Figures::measured(&row(), samples, &question(Updates::Constraints, 10)).cost
-        };
+        let cost =
+            |samples: &Samples| Figures::measured(&row(), samples, &question(Updates::Constraints, 10)).cost;
         assert_eq!((cost(&samples).change, cost(&samples).prepares_anew), (100.0, true));
         samples.changes = vec![30];
         assert_eq!((cost(&samples).change, cost(&samples).prepares_anew), (30.0, false));

@@ -40,7 +40,7 @@ pub struct Probe {
 }
 
 /// What is measured to compare machines: small enough for a second, large enough to leave the first-level cache.
-pub const PROBE_MESH: &str = "sphere:20000";
+pub const PROBE_MESH: &str = "sphere:5";
 /// With the backend of all builds.
 pub const PROBE_BACKEND: &str = "framechol-f64";
 
@@ -119,7 +119,8 @@ impl Law {
             let (mi, mj) = ([x, z, y][i], [x, z, y][j]);
             rows.iter().map(|r| (r[i] - mi) * (r[j] - mj)).sum::<f64>()
         };
-        let (xx, xz, zz, xy, zy) = (product(0, 0), product(0, 1), product(1, 1), product(0, 2), product(1, 2));
+        let (xx, xz, zz, xy, zy) =
+            (product(0, 0), product(0, 1), product(1, 1), product(0, 2), product(1, 2));
         let determinant = xx * zz - xz * xz;
         let (b, c) = match (xx > 1e-9, zz > 1e-9) {
             (true, true) if determinant > 1e-9 * xx * zz => {
@@ -307,9 +308,13 @@ mod tests {
         let probe = model.probe;
         let q = question(Updates::Values, 100);
         for id in [PROBE_BACKEND, "framechol-mixed", "cg-multigrid", "cg-jacobi"] {
-            let figures = model.predict(id, 50_000, &q, &probe).unwrap_or_else(|| panic!("{id} is not in it"));
+            let figures =
+                model.predict(id, 50_000, &q, &probe).unwrap_or_else(|| panic!("{id} is not in it"));
             let cost = figures.cost;
-            assert!([cost.set_up, cost.first, cost.solve, cost.change].iter().all(|&t| t > 1e3 && t < 1e11), "{id}: {cost:?}");
+            assert!(
+                [cost.set_up, cost.first, cost.solve, cost.change].iter().all(|&t| t > 1e3 && t < 1e11),
+                "{id}: {cost:?}"
+            );
         }
         assert!(model.left_out.values().all(|s| s.median >= 1.0 && s.median < 3.0), "{:?}", model.left_out);
     }

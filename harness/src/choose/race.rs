@@ -200,9 +200,7 @@ impl Course<'_> {
         if self.stops && hopeful > TO_HEATS * best {
             return Err(Exclusion::new(entry.id, Rule::Cost, self.hopeless(&runner, best)));
         }
-        for _ in 0..if self.stops { 1 } else { HEATS } {
-            runner.round(self);
-        }
+        runner.round(self);
         let row = runner.running.row();
         failed(&row).map_or(Ok(runner), Err)
     }
@@ -213,7 +211,11 @@ impl Course<'_> {
         let first = row.phases_ns.first_solve.unwrap_or(0) as f64 * 1e-6;
         format!(
             "set-up {set_up:.1} ms and first solve {first:.1} ms: {} in all would take at least {:.2} s, the best one takes {:.2} s",
-            if self.question.frames == 1 { "a frame".to_owned() } else { format!("{} frames", self.question.frames) },
+            if self.question.frames == 1 {
+                "a frame".to_owned()
+            } else {
+                format!("{} frames", self.question.frames)
+            },
             runner.lower_bound(self.question) * 1e-9,
             best * 1e-9
         )
@@ -267,8 +269,7 @@ impl Course<'_> {
     fn repeat_set_ups(&self, runners: &mut [Runner<'_>], progress: &mut dyn FnMut(&str)) {
         let share = |runner: &Runner<'_>| {
             let cost = runner.figures(self.question).cost;
-            let anew = if cost.prepares_anew { self.question.frames as f64 } else { 1.0 };
-            (anew * cost.set_up + cost.first) / cost.total(self.question)
+            (cost.set_up + cost.first) / cost.total(self.question)
         };
         if runners.len() < 2 && self.stops || runners.iter().all(|runner| share(runner) < SET_UP_SHARE) {
             return;
@@ -297,23 +298,27 @@ impl Runner<'_> {
         Figures::measured(&self.running.row(), &self.samples, question)
     }
 
-    /// A cost that the measured one will hardly be below, from set-up and first solve.
+    /// A cost that the measured one will hardly be below, from set-up and first solve; changes are not known yet.
     fn lower_bound(&self, question: &Question) -> f64 {
         let row = self.running.row();
-        let numeric = row.phases_ns.numeric.unwrap_or(0) as f64;
         let first = row.phases_ns.first_solve.unwrap_or(0) as f64;
-        let change = if question.updates == Updates::Never { 0.0 } else { 0.5 * numeric };
         let set_up = table::set_up(&row).unwrap_or(0) as f64;
-        Cost { set_up, first, solve: WARM_SHARE * first, change, prepares_anew: false }.total(question)
+        Cost { set_up, first, solve: WARM_SHARE * first, change: 0.0, prepares_anew: false }.total(question)
     }
 
     /// A slice of solves, and one of changes where there are any.
     fn round(&mut self, course: &Course<'_>) {
         self.running.round();
         match (course.question.updates, course.edit) {
+            _ if self.samples.prepares_anew => {}
             (Updates::Values, _) => self.running.change_values(SLICE),
             (Updates::Constraints, Some(edit)) => self.running.change_constraints(edit, SLICE),
             _ => {}
+        }
+        let changes = course.question.updates != Updates::Never;
+        if changes && (self.running.changes().is_empty() || self.samples.prepares_anew) {
+            self.samples.prepares_anew = true;
+            self.running.prepare_again(SLICE);
         }
         self.samples.changes = self.running.changes().to_vec();
         let row = self.running.row();

@@ -165,7 +165,8 @@ mod tests {
 
     #[test]
     fn what_is_known_beforehand_rules_out() {
-        let rule = |id: &str, question: &Question, n| before(find(id).unwrap(), question, n).map_err(|e| e.rule);
+        let rule =
+            |id: &str, question: &Question, n| before(find(id).unwrap(), question, n).map_err(|e| e.rule);
         let any = question(Updates::Never, 1);
         assert_eq!(rule("framechol-f64", &any, 1_000_000), Ok(()));
         assert_eq!(rule("dense", &any, 1_000_000), Err(Rule::Size));

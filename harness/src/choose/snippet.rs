@@ -13,7 +13,8 @@ fn source_folder() -> Option<PathBuf> {
 /// The cargo feature of lapsolve that a built-in backend needs beyond the defaults, if any, and those it can do without.
 fn features(backend: &str) -> &'static str {
     let optional = ["faer", "nalgebra", "sprs-ldl", "sprs", "vulkan"];
-    match optional.iter().find(|feature| backend == **feature || backend.starts_with(&format!("{feature}-"))) {
+    match optional.iter().find(|feature| backend == **feature || backend.starts_with(&format!("{feature}-")))
+    {
         Some(&"faer") => r#", default-features = false, features = ["faer"]"#,
         Some(&"nalgebra") => r#", default-features = false, features = ["nalgebra"]"#,
         Some(&"sprs-ldl") => r#", default-features = false, features = ["sprs-ldl"]"#,
@@ -28,7 +29,9 @@ pub fn dependency(backend: &str) -> String {
     let features = features(backend);
     match source_folder() {
         Some(folder) => format!("lapsolve = {{ path = {:?}{features} }}", folder.display().to_string()),
-        None => format!("# the folder `solvers` of your checkout:\nlapsolve = {{ path = \"solvers\"{features} }}"),
+        None => {
+            format!("# the folder `solvers` of your checkout:\nlapsolve = {{ path = \"solvers\"{features} }}")
+        }
     }
 }
 

@@ -65,10 +65,8 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
 fn human(answer: &Answer) -> String {
     let mut text = format!("{}: {}\n", answer.mesh.name, answer.question.sentence());
     if let Some(errors) = &answer.prediction_errors {
-        let spread: Vec<String> = errors
-            .iter()
-            .map(|(figure, s)| format!("{figure} {:.2} ({:.2})", s.median, s.p90))
-            .collect();
+        let spread: Vec<String> =
+            errors.iter().map(|(figure, s)| format!("{figure} {:.2} ({:.2})", s.median, s.p90)).collect();
         let _ = writeln!(
             text,
             "PREDICTED by a model, not measured. Half (nine of ten) of its predictions for meshes it was not fitted on were\nwithin these factors: {}.",
@@ -79,7 +77,7 @@ fn human(answer: &Answer) -> String {
         let _ = write!(text, "\n{}", ranking(answer).render(Format::Human));
     }
     if !answer.excluded.is_empty() {
-        let _ = writeln!(text, "\nRuled out:");
+        let _ = writeln!(text, "\n\nRuled out:");
         for out in &answer.excluded {
             let _ = writeln!(text, "  {} ({}): {}", out.backend, out.rule.name(), out.reason);
         }
@@ -94,7 +92,8 @@ fn human(answer: &Answer) -> String {
 /// One row per candidate that keeps every rule.
 fn ranking(answer: &Answer) -> Rows {
     let mut rows = Rows::new([
-        "rank", "backend", "set-up", "solve", "change", "total", "ratio", "error", "MB", "late", "solves", "note",
+        "rank", "backend", "set-up", "solve", "change", "total", "ratio", "error", "MB", "late", "solves",
+        "note",
     ]);
     for (i, ranked) in answer.ranked.iter().enumerate() {
         let figures = &ranked.figures;

@@ -60,6 +60,8 @@ enum Verdict {
     Faster,
     /// All of it is within.
     Same,
+    /// The base of its group itself.
+    Fastest,
     /// It reaches over an end of the margin, or there are too few samples for an interval.
     Unclear,
 }
@@ -84,6 +86,7 @@ impl Verdict {
             Verdict::Slower => "slower",
             Verdict::Faster => "faster",
             Verdict::Same => "same",
+            Verdict::Fastest => "fastest",
             Verdict::Unclear => "unclear",
         }
     }
@@ -250,8 +253,7 @@ fn between(base: &ResultFile, heads: &[ResultFile], args: &Args) -> Vec<Pair> {
 
 /// Every valid cell with the fastest of its mesh, workload, threads, precision and kind of device, group by group.
 fn within(result: &ResultFile, args: &Args) -> Vec<Pair> {
-    let group =
-        |c: &Cell| (c.mesh.name.clone(), c.workload.clone(), c.threads, c.precision, c.device_type);
+    let group = |c: &Cell| (c.mesh.name.clone(), c.workload.clone(), c.threads, c.precision, c.device_type);
     let valid = |c: &&Cell| c.status == Status::Ok && table::median(c).is_some();
     let mut pairs = Vec::new();
     let mut seen = Vec::new();
@@ -269,6 +271,9 @@ fn within(result: &ResultFile, args: &Args) -> Vec<Pair> {
             pair.base_backend = Some(cells[0].backend.clone());
             (pair.note, pair.iterations, pair.factor_nonzeros) =
                 (None, [None, cell.iterations], [None, cell.factor.nonzeros]);
+            if std::ptr::eq(cell, cells[0]) {
+                (pair.verdict, pair.ratio_low, pair.ratio_high) = (Verdict::Fastest, None, None);
+            }
             Some(pair)
         }));
     }
@@ -278,7 +283,8 @@ fn within(result: &ResultFile, args: &Args) -> Vec<Pair> {
 fn rows(pairs: &[Pair], heads: usize) -> Rows {
     let last = if heads > 1 { "file" } else { "note" };
     let mut rows = Rows::new([
-        "mesh", "workload", "backend", "thr", "base ms", "head ms", "ratio", "low", "high", "setup", "verdict", last,
+        "mesh", "workload", "backend", "thr", "base ms", "head ms", "ratio", "low", "high", "setup",
+        "verdict", last,
     ]);
     let number = |x: Option<f64>| x.map_or_else(String::new, |x| format!("{x:.3}"));
     let milliseconds = |ns: Option<u64>| number(ns.map(|ns| ns as f64 * 1e-6));
@@ -312,9 +318,8 @@ mod tests {
 
     #[test]
     fn verdicts_follow_the_whole_interval() {
-        let of = |low: f64, high: f64| {
-            Verdict::of(Some(Ratio { estimate: (low * high).sqrt(), low, high }), 5.0)
-        };
+        let of =
+            |low: f64, high: f64| Verdict::of(Some(Ratio { estimate: (low * high).sqrt(), low, high }), 5.0);
         assert_eq!(of(1.06, 1.2), Verdict::Slower);
         assert_eq!(of(0.8, 0.95), Verdict::Faster);
         assert_eq!(of(0.97, 1.04), Verdict::Same);

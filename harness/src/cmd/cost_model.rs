@@ -44,7 +44,8 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let base = Question::default();
     let probe = answer::probe(&base, &context.backends, &mut |_| {})?;
     let mut observations = Vec::new();
-    let mut sources = args.mesh.iter().map(|m| Name::Mesh(m.clone()).load(0)).collect::<Result<Vec<_>, _>>()?;
+    let mut sources =
+        args.mesh.iter().map(|m| Name::Mesh(m.clone()).load(0)).collect::<Result<Vec<_>, _>>()?;
     sources.sort_by_key(|source| source.record.vertices);
     let mut slow: Vec<&'static str> = Vec::new();
     for source in &sources {
@@ -52,7 +53,8 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
             let entries: Vec<Entry> =
                 context.backends.iter().filter(|e| !slow.contains(&e.id)).copied().collect();
             let observed = observe(source, columns, &entries)?;
-            let seconds = |o: &Observation| (o.figures[0].unwrap_or(0.0) + o.figures[1].unwrap_or(0.0)) * 1e-9;
+            let seconds =
+                |o: &Observation| (o.figures[0].unwrap_or(0.0) + o.figures[1].unwrap_or(0.0)) * 1e-9;
             slow.extend(entries.iter().map(|e| e.id).filter(|id| {
                 observed.iter().find(|o| o.backend == *id).is_none_or(|o| seconds(o) > args.patience)
             }));
@@ -156,8 +158,13 @@ fn regrets(model: &Model, observations: &[Observation], probe: &crate::choose::m
             let measured = |o: &Observation| {
                 let [set_up, first, solve, change, ..] = o.figures;
                 let change = if updates == Updates::Never { Some(0.0) } else { change.or(set_up) };
-                let cost =
-                    Cost { set_up: set_up?, first: first?, solve: solve?, change: change?, prepares_anew: false };
+                let cost = Cost {
+                    set_up: set_up?,
+                    first: first?,
+                    solve: solve?,
+                    change: change?,
+                    prepares_anew: false,
+                };
                 o.error.is_none_or(|e| e <= asked.accuracy).then(|| cost.total(&asked))
             };
             let predicted = |o: &Observation| {

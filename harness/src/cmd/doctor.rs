@@ -110,7 +110,10 @@ mod tests {
     fn remedies_follow_what_is_bad() {
         let findings = [Finding::new("a", Some(false), "x", "mend it"), Finding::info("b", "y")];
         let text = text(&findings);
-        assert!(text.contains("NO  a  x\n    b  y\n") && text.ends_with("What to do:\n  a: mend it\n"), "{text}");
+        assert!(
+            text.contains("NO  a  x\n    b  y\n") && text.ends_with("What to do:\n  a: mend it\n"),
+            "{text}"
+        );
         assert!(super::text(&findings[1..]).ends_with("Nothing to do.\n"));
     }
 }

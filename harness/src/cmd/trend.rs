@@ -41,7 +41,11 @@ pub struct Args {
 
 fn probability(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (0.001..1.0).contains(&value) { Ok(value) } else { Err("must be at least 0.001 and below 1".to_owned()) }
+    if (0.001..1.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("must be at least 0.001 and below 1".to_owned())
+    }
 }
 
 /// Reads, finds, prints.
@@ -88,13 +92,17 @@ fn rows(series: &[Series], figure: Figure) -> Rows {
         "last change",
     ]);
     for s in series {
-        let (first, last) = (s.points.first().map_or(0.0, |p| p.value), s.points.last().map_or(0.0, |p| p.value));
+        let (first, last) =
+            (s.points.first().map_or(0.0, |p| p.value), s.points.last().map_or(0.0, |p| p.value));
         let change = s.last_change().map_or_else(String::new, |(change, point)| {
             let day: String = point.time.chars().take(10).collect();
-            let commit = point.commit.as_deref().map_or_else(String::new, |c| format!(" {}", c.chars().take(9).collect::<String>()));
-            let others: Vec<&str> =
-                point.changed.iter().filter_map(|c| c.split(':').next()).collect();
-            let also = if others.is_empty() { String::new() } else { format!("; also new: {}", others.join(", ")) };
+            let commit = point
+                .commit
+                .as_deref()
+                .map_or_else(String::new, |c| format!(" {}", c.chars().take(9).collect::<String>()));
+            let others: Vec<&str> = point.changed.iter().filter_map(|c| c.split(':').next()).collect();
+            let also =
+                if others.is_empty() { String::new() } else { format!("; also new: {}", others.join(", ")) };
             format!("x{:.2} on {day}{commit} (p {:.3}){also}", change.ratio, change.p)
         });
         rows.push([

@@ -138,8 +138,13 @@ mod tests {
     #[test]
     fn a_machine_without_any_file_is_unknown() {
         let found = look(&[]);
-        for subject in ["processor", "load", "governor", "turbo", "SMT", "steal", "virtual machine", "memory"] {
-            assert_eq!((of(&found, subject).good, of(&found, subject).found.as_str()), (None, "unknown"), "{subject}");
+        for subject in ["processor", "load", "governor", "turbo", "SMT", "steal", "virtual machine", "memory"]
+        {
+            assert_eq!(
+                (of(&found, subject).good, of(&found, subject).found.as_str()),
+                (None, "unknown"),
+                "{subject}"
+            );
         }
     }
 
@@ -194,7 +199,9 @@ mod tests {
     fn stolen_time_is_a_share() {
         assert_eq!(steal(Some((0, 0)), Some((1, 100))).good, Some(false));
         assert_eq!(steal(Some((5, 1000)), Some((5, 2000))).good, Some(true));
-        for (before, after) in [(None, Some((0, 1))), (Some((9, 9)), Some((9, 9))), (Some((9, 9)), Some((1, 1)))] {
+        for (before, after) in
+            [(None, Some((0, 1))), (Some((9, 9)), Some((9, 9))), (Some((9, 9)), Some((1, 1)))]
+        {
             assert_eq!(steal(before, after).good, None);
         }
     }

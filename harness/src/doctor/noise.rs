@@ -36,7 +36,8 @@ pub struct Noise {
 impl Noise {
     /// From couples of medians (a, b). None without any.
     pub fn of(couples: &[(f64, f64)]) -> Option<Self> {
-        let mut logs: Vec<f64> = couples.iter().map(|(a, b)| (b / a).ln()).filter(|d| d.is_finite()).collect();
+        let mut logs: Vec<f64> =
+            couples.iter().map(|(a, b)| (b / a).ln()).filter(|d| d.is_finite()).collect();
         logs.sort_by(f64::total_cmp);
         let mut sizes: Vec<f64> = logs.iter().map(|d| d.abs()).collect();
         sizes.sort_by(f64::total_cmp);

@@ -20,8 +20,12 @@ const LIBRARIES: [&str; 8] = [
 ];
 
 /// Folders of the manifests by which drivers announce themselves to the loader.
-const MANIFESTS: [&str; 4] =
-    ["usr/share/vulkan/icd.d", "etc/vulkan/icd.d", "usr/local/share/vulkan/icd.d", "run/opengl-driver/share/vulkan/icd.d"];
+const MANIFESTS: [&str; 4] = [
+    "usr/share/vulkan/icd.d",
+    "etc/vulkan/icd.d",
+    "usr/local/share/vulkan/icd.d",
+    "run/opengl-driver/share/vulkan/icd.d",
+];
 
 /// Loader and drivers as files below `root`.
 pub fn installed(root: &Root) -> Vec<Finding> {
@@ -38,7 +42,8 @@ pub fn installed(root: &Root) -> Vec<Finding> {
         .filter(|name| name.ends_with(".json"))
         .map(|name| name.trim_end_matches(".json").to_owned())
         .collect();
-    let list = |items: Vec<String>, none: &str| if items.is_empty() { none.to_owned() } else { items.join(", ") };
+    let list =
+        |items: Vec<String>, none: &str| if items.is_empty() { none.to_owned() } else { items.join(", ") };
     vec![
         Finding::new(
             "Vulkan loader",
@@ -66,7 +71,8 @@ pub fn devices(backends: &[Entry]) -> Vec<Finding> {
     for entry in backends.iter().filter(|e| Family::from(e.family) == Family::Gpu) {
         let Ok(backend) = (entry.open)(&OpenOptions::default()) else { continue };
         let found = backend.describe();
-        let details: Vec<String> = found.details.iter().map(|(name, value)| format!("{name} {value}")).collect();
+        let details: Vec<String> =
+            found.details.iter().map(|(name, value)| format!("{name} {value}")).collect();
         let kind = DeviceType::from(found.device_type);
         let finding = Finding::new(
             "Vulkan device",

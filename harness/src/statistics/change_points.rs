@@ -125,12 +125,16 @@ mod tests {
     fn steps_are_found_where_they_are() {
         let found = change_points(&noisy(&[(12, 10.0), (9, 12.0), (15, 7.0)], 3), 0.01);
         assert_eq!(found.iter().map(|c| c.at).collect::<Vec<_>>(), [12, 21]);
-        assert!((found[0].ratio - 1.2).abs() < 0.03 && (found[1].ratio - 7.0 / 12.0).abs() < 0.03, "{found:?}");
+        assert!(
+            (found[0].ratio - 1.2).abs() < 0.03 && (found[1].ratio - 7.0 / 12.0).abs() < 0.03,
+            "{found:?}"
+        );
     }
 
     #[test]
     fn noise_alone_seldom_changes() {
-        let alarms = (0..100).filter(|&seed| !change_points(&noisy(&[(25, 5.0)], seed), 0.01).is_empty()).count();
+        let alarms =
+            (0..100).filter(|&seed| !change_points(&noisy(&[(25, 5.0)], seed), 0.01).is_empty()).count();
         assert!(alarms <= 5, "{alarms} of 100");
     }
 

@@ -78,7 +78,10 @@ mod tests {
     #[test]
     fn small_distributions_by_hand() {
         let sixths: Vec<f64> = distribution(2, 2).iter().map(|p| p * 6.0).collect();
-        assert!(sixths.iter().zip([1.0, 1.0, 2.0, 1.0, 1.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{sixths:?}");
+        assert!(
+            sixths.iter().zip([1.0, 1.0, 2.0, 1.0, 1.0]).all(|(a, b)| (a - b).abs() < 1e-12),
+            "{sixths:?}"
+        );
         assert!((distribution(7, 10).iter().sum::<f64>() - 1.0).abs() < 1e-12);
     }
 
@@ -110,7 +113,8 @@ mod tests {
     #[test]
     fn the_interval_covers() {
         let mut random = Random::new(7);
-        let mut time = || 1.0 - 0.3 * ((random.next_u64() >> 11) as f64 / (1u64 << 53) as f64).max(1e-12).ln();
+        let mut time =
+            || 1.0 - 0.3 * ((random.next_u64() >> 11) as f64 / (1u64 << 53) as f64).max(1e-12).ln();
         let covered = (0..2000)
             .filter(|_| {
                 let base: Vec<f64> = (0..8).map(|_| time()).collect();

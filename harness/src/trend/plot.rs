@@ -46,7 +46,11 @@ fn failed(error: impl Display) -> anyhow::Error {
     anyhow!("the picture cannot be drawn: {error}")
 }
 
-fn draw(panel: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, series: &Series, figure: Figure) -> anyhow::Result<()> {
+fn draw(
+    panel: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
+    series: &Series,
+    figure: Figure,
+) -> anyhow::Result<()> {
     let values: Vec<f64> = series.points.iter().map(|p| p.value).collect();
     let highest = values.iter().copied().fold(0.0, f64::max) * 1.1; // from 0, so that heights are proportions
     let last = values.len().max(2) - 1;
@@ -79,7 +83,11 @@ fn draw(panel: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, series: &Se
         let x = change.at as f64 - 0.5;
         let line = PathElement::new(vec![(x, 0.0), (x, highest)], MARK.stroke_width(2));
         chart.draw_series([line]).map_err(failed)?;
-        let label = Text::new(format!("x{:.2}", change.ratio), (x, highest), ("sans-serif", 12).into_font().color(&MARK));
+        let label = Text::new(
+            format!("x{:.2}", change.ratio),
+            (x, highest),
+            ("sans-serif", 12).into_font().color(&MARK),
+        );
         chart.draw_series([label]).map_err(failed)?;
     }
     Ok(())

@@ -137,7 +137,11 @@ pub fn series(results: &[(PathBuf, ResultFile)], figure: Figure, significance: f
     for (path, result) in results {
         for cell in result.cells.iter().filter(|cell| cell.status == Status::Ok) {
             if let Some(value) = figure.of(cell) {
-                cells.entry(key(cell, &result.environment.fingerprint)).or_default().push((&result.environment, path, value));
+                cells.entry(key(cell, &result.environment.fingerprint)).or_default().push((
+                    &result.environment,
+                    path,
+                    value,
+                ));
             }
         }
     }
@@ -174,9 +178,16 @@ fn one(key: Key, mut found: Vec<Found<'_>>, significance: f64) -> Series {
 }
 
 fn point(before: Option<&Environment>, (environment, path, value): Found<'_>) -> Point {
-    let changed = before.map_or_else(Vec::new, |before| before.fingerprint.differences(&environment.fingerprint));
+    let changed =
+        before.map_or_else(Vec::new, |before| before.fingerprint.differences(&environment.fingerprint));
     let info = &environment.info;
-    Point { time: info.time.clone(), commit: info.commit.clone(), file: path.display().to_string(), value, changed }
+    Point {
+        time: info.time.clone(),
+        commit: info.commit.clone(),
+        file: path.display().to_string(),
+        value,
+        changed,
+    }
 }
 
 /// What makes a machine another one: times before and after do not compare. Compiler, dependencies and kernel are left out,
@@ -244,8 +255,9 @@ pub(super) mod tests {
 
     #[test]
     fn a_regression_is_dated() {
-        let mut results: Vec<_> =
-            (1..=20).map(|day| result(day, if day < 12 { 1_000_000 } else { 1_200_000 } + day as u64 * 997, "x")).collect();
+        let mut results: Vec<_> = (1..=20)
+            .map(|day| result(day, if day < 12 { 1_000_000 } else { 1_200_000 } + day as u64 * 997, "x"))
+            .collect();
         results.reverse(); // the order of files does not matter
         results.push(result(3, 9_000_000, "another machine"));
         let found = series(&results, Figure::Solve, 0.01);

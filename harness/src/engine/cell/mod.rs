@@ -162,6 +162,15 @@ impl<'a> Running<'a> {
         }
     }
 
+    /// The same preparation once more and again for about `time`, at least once: what a change costs a solver that can only
+    /// prepare anew. Its process is warm by then, other than in [`begin`](Self::begin).
+    pub fn prepare_again(&mut self, time: Duration) {
+        if self.is_live() {
+            let outcome = self.preparations(time);
+            self.settle(outcome);
+        }
+    }
+
     /// Times of the changes so far, nanoseconds.
     pub fn changes(&self) -> &[u64] {
         &self.changes

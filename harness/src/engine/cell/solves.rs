@@ -3,9 +3,9 @@
 use super::Running;
 use super::process::read_block;
 use crate::engine::array_file::ArrayFile;
+use crate::engine::equations::Equations;
 use crate::engine::protocol::{Request, Timed};
 use crate::engine::session::Failure;
-use crate::engine::equations::Equations;
 use crate::engine::task::{Edit, Solve};
 use crate::record::names::Status;
 use crate::record::result::Summary;

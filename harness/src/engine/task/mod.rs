@@ -111,8 +111,7 @@ impl Edit {
             return Ok(None);
         };
         let count = harmonic::DEFAULT_CONSTRAINTS + harmonic::EDITED_CONSTRAINTS;
-        let fixed =
-            harmonic::Constraints::sample(mesh, problem.laplacian(), count).edited_set(1);
+        let fixed = harmonic::Constraints::sample(mesh, problem.laplacian(), count).edited_set(1);
         let (add, remove) = harmonic::difference(problem.fixed(), &fixed);
         if add.is_empty() || remove.is_empty() {
             return Ok(None);
