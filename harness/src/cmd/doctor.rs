@@ -44,7 +44,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         findings.extend(measured(&root, args.seconds, context));
     }
     findings.extend(vulkan::installed(&root));
-    findings.extend(vulkan::devices(&context.backends));
+    findings.extend(vulkan::devices());
     findings.extend(software::backends(&context.backends));
     findings.extend(software::peers());
     findings.push(software::temporary_place());

@@ -1,9 +1,9 @@
-//! Vulkan: the loader, the drivers that are installed, and the device that the backends would use.
+//! Vulkan: the loader, the drivers that are installed, and the devices.
 
 use super::finding::Finding;
 use crate::environment::Root;
-use crate::record::names::{DeviceType, Family};
-use lapsolve::registry::{Entry, OpenOptions};
+use crate::record::names::DeviceType;
+use lapsolve::devices::{VulkanDevice, vulkan_devices};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -65,26 +65,26 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The devices that the GPU backends of `backends` open, with what the drivers say of themselves.
-pub fn devices(backends: &[Entry]) -> Vec<Finding> {
-    let mut findings: Vec<Finding> = Vec::new();
-    for entry in backends.iter().filter(|e| Family::from(e.family) == Family::Gpu) {
-        let Ok(backend) = (entry.open)(&OpenOptions::default()) else { continue };
-        let found = backend.describe();
-        let details: Vec<String> =
-            found.details.iter().map(|(name, value)| format!("{name} {value}")).collect();
-        let kind = DeviceType::from(found.device_type);
-        let finding = Finding::new(
+/// Every device that the loader finds, with what its driver says of itself.
+pub fn devices() -> Vec<Finding> {
+    let found = match vulkan_devices() {
+        Ok(found) => found,
+        Err(why) => {
+            return vec![Finding::new("Vulkan device", Some(false), why.what, &why.how_to_get_it)];
+        }
+    };
+    let finding = |device: &VulkanDevice| {
+        let kind = DeviceType::from(device.kind);
+        let (major, minor) = device.version;
+        Finding::new(
             "Vulkan device",
             Some(kind != DeviceType::SoftwareVulkan),
-            [vec![format!("{} ({kind})", found.device)], details].concat().join(", "),
-            "this driver computes on the CPU: good for tests, not for figures; a GPU needs its own driver and access to /dev/dri",
-        );
-        if !findings.contains(&finding) {
-            findings.push(finding);
-        }
-    }
-    findings
+            format!("{} ({kind}), driver {}, Vulkan {major}.{minor}", device.name, device.driver),
+            "this driver computes on the CPU: good for tests, not for figures; a GPU needs its own driver and access to \
+             /dev/dri",
+        )
+    };
+    found.iter().map(finding).collect()
 }
 
 #[cfg(test)]
