@@ -5,8 +5,8 @@
 //!
 //! ```text
 //! qualify:  one after the other: prepare, first solve, a short slice; stopped by time caps
-//! heats:    those within 1.5 times the best, interleaved in shuffled rounds
-//! final:    those within 1.15 times, longer; set-ups repeated in fresh processes
+//! heats:    those within twice the best, interleaved in shuffled rounds; set-ups repeated in fresh processes
+//! final:    those within 1.15 times, the same for longer
 //! ```
 //! Everything runs through the engine: a process for each candidate, every answer checked, never two at the same moment.
 
@@ -73,17 +73,17 @@ const SLICE: Duration = Duration::from_millis(80);
 const HEATS: u32 = 3;
 const FINAL: u32 = 6;
 
-/// After the qualification and after the heats, who costs more than this times the best is out of the race: figures of a
-/// short slice scatter by a tenth or two on a shared machine, those of the heats by some hundredths.
-const TO_HEATS: f64 = 1.5;
+/// After the qualification and after the heats, who costs more than this times the best is out of the race: a single set-up
+/// and a short slice can be off by half on a shared machine, the medians of the heats by some hundredths.
+const TO_HEATS: f64 = 2.0;
 const TO_FINAL: f64 = 1.15;
 
 /// Most candidates in the heats and in the final.
 const MOST_HEATS: usize = 5;
 const MOST_FINAL: usize = 3;
 
-/// Fresh set-ups of each finalist, where they are more than this share of the total.
-const SET_UPS: usize = 3;
+/// Fresh set-ups of each candidate in the heats and again in the final, where they are more than this share of the total.
+const SET_UPS: usize = 2;
 const SET_UP_SHARE: f64 = 0.03;
 
 /// A first solve touches its memory for the first time; later ones take at least this share of it.
@@ -134,9 +134,7 @@ impl Course<'_> {
                 random.shuffle(&mut runners);
                 runners.iter_mut().for_each(|runner| runner.round(self));
             }
-            if most == 0 {
-                self.repeat_set_ups(&mut runners, progress);
-            }
+            self.repeat_set_ups(&mut runners, progress);
             self.retire(&mut runners, keep, most, &mut outcome);
         }
         outcome
