@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Where a result was made.
@@ -87,27 +87,32 @@ pub struct Info {
 impl Environment {
     /// Looks at this machine, now.
     pub fn read() -> Self {
-        let cpuinfo = text("/proc/cpuinfo").unwrap_or_default();
-        Self { fingerprint: Fingerprint::read(&cpuinfo), info: Info::read(&cpuinfo) }
+        Self::read_in(&Root::default())
+    }
+
+    /// The same with the system's files below another folder.
+    pub fn read_in(root: &Root) -> Self {
+        let cpuinfo = root.text("proc/cpuinfo").unwrap_or_default();
+        Self { fingerprint: Fingerprint::read(root, &cpuinfo), info: Info::read(root, &cpuinfo) }
     }
 }
 
 impl Fingerprint {
-    fn read(cpuinfo: &str) -> Self {
+    fn read(root: &Root, cpuinfo: &str) -> Self {
         let build = |value: &'static str| (!value.is_empty()).then(|| value.to_owned());
         Self {
             cpu: field(cpuinfo, "model name").or_else(|| field(cpuinfo, "CPU part")),
             physical_cores: physical_cores(cpuinfo),
             logical_cores: std::thread::available_parallelism().ok().map(Into::into),
-            cpu_quota: text("/sys/fs/cgroup/cpu.max").as_deref().and_then(cpu_quota),
+            cpu_quota: root.text("sys/fs/cgroup/cpu.max").as_deref().and_then(cpu_quota),
             instruction_sets: instruction_sets(cpuinfo),
             os: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-            kernel: text("/proc/sys/kernel/osrelease").as_deref().and_then(major_minor),
+            kernel: root.text("proc/sys/kernel/osrelease").as_deref().and_then(major_minor),
             rustc: build(env!("LAPBENCH_RUSTC")),
             rustflags: build(env!("LAPBENCH_RUSTFLAGS")),
             profile: build(env!("LAPBENCH_PROFILE")),
             dependencies_sha256: hexadecimal(&Sha256::digest(include_bytes!("../../Cargo.lock"))),
-            gpus: gpus(),
+            gpus: gpus(root),
         }
     }
 
@@ -126,22 +131,22 @@ impl Fingerprint {
 }
 
 impl Info {
-    fn read(cpuinfo: &str) -> Self {
-        let memory = text("/proc/meminfo").unwrap_or_default();
+    fn read(root: &Root, cpuinfo: &str) -> Self {
+        let memory = root.text("proc/meminfo").unwrap_or_default();
         Self {
             time: timestamp(SystemTime::now()),
             program: env!("CARGO_PKG_VERSION").to_owned(),
             commit: Some(env!("LAPBENCH_COMMIT").to_owned()).filter(|c| !c.is_empty()),
             memory_bytes: crate::process::kilobytes(&memory, "MemTotal"),
             available_bytes: crate::process::kilobytes(&memory, "MemAvailable"),
-            governor: text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
-            boost: boost(),
-            smt: text("/sys/devices/system/cpu/smt/active").map(|s| s == "1"),
+            governor: root.text("sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+            boost: boost(root),
+            smt: root.text("sys/devices/system/cpu/smt/active").map(|s| s == "1"),
             microcode: field(cpuinfo, "microcode"),
-            aslr: text("/proc/sys/kernel/randomize_va_space").map(|s| s != "0"),
+            aslr: root.text("proc/sys/kernel/randomize_va_space").map(|s| s != "0"),
             virtual_machine: field(cpuinfo, "flags").map(|f| f.split(' ').any(|f| f == "hypervisor")),
-            container: container(),
-            load1: load1(),
+            container: container(root),
+            load1: load1_in(root),
             load1_end: None,
             steal: None,
         }
@@ -150,7 +155,12 @@ impl Info {
 
 /// Processor time since boot, in ticks: (stolen by the hypervisor, all). Differences of two readings give a share.
 pub fn processor_ticks() -> Option<(u64, u64)> {
-    let stat = text("/proc/stat")?;
+    processor_ticks_in(&Root::default())
+}
+
+/// The same with the system's files below another folder.
+pub fn processor_ticks_in(root: &Root) -> Option<(u64, u64)> {
+    let stat = root.text("proc/stat")?;
     let ticks: Vec<u64> =
         stat.lines().next()?.split_whitespace().skip(1).take(8).map_while(|t| t.parse().ok()).collect();
     Some((*ticks.get(7)?, ticks.iter().sum()))
@@ -158,7 +168,11 @@ pub fn processor_ticks() -> Option<(u64, u64)> {
 
 /// One-minute load average.
 pub fn load1() -> Option<f64> {
-    text("/proc/loadavg")?.split(' ').next()?.parse().ok()
+    load1_in(&Root::default())
+}
+
+fn load1_in(root: &Root) -> Option<f64> {
+    root.text("proc/loadavg")?.split(' ').next()?.parse().ok()
 }
 
 /// Lower-case hexadecimal digits.
@@ -166,9 +180,35 @@ pub fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// A small text file without surrounding blanks; `None` where it is absent or unreadable.
-fn text(path: impl AsRef<Path>) -> Option<String> {
-    fs::read_to_string(path).ok().map(|s| s.trim().to_owned())
+/// The folder below which the system's files are: `/`, or a copy of another machine's.
+#[derive(Clone, Debug)]
+pub struct Root(pub PathBuf);
+
+impl Default for Root {
+    fn default() -> Self {
+        Self(PathBuf::from("/"))
+    }
+}
+
+impl Root {
+    /// A path below it: relative ones are taken from there, those that are below it already stay.
+    pub fn path(&self, path: impl AsRef<Path>) -> PathBuf {
+        let path = path.as_ref();
+        if path.starts_with(&self.0) { path.to_owned() } else { self.0.join(path) }
+    }
+
+    /// A small text file without surrounding blanks; `None` where it is absent, unreadable or no text.
+    pub fn text(&self, path: impl AsRef<Path>) -> Option<String> {
+        fs::read_to_string(self.path(path)).ok().map(|s| s.trim().to_owned())
+    }
+
+    /// The entries of a folder, sorted; none where it is absent or unreadable.
+    pub fn entries(&self, path: impl AsRef<Path>) -> Vec<PathBuf> {
+        let mut entries: Vec<PathBuf> =
+            fs::read_dir(self.path(path)).into_iter().flatten().flatten().map(|e| e.path()).collect();
+        entries.sort();
+        entries
+    }
 }
 
 /// The first `name : value` of /proc/cpuinfo.
@@ -214,7 +254,7 @@ fn instruction_sets(cpuinfo: &str) -> Vec<String> {
 /// "200000 100000" is two processors' worth; "max 100000" is no quota.
 fn cpu_quota(cpu_max: &str) -> Option<f64> {
     let (quota, period) = cpu_max.split_once(' ')?;
-    Some(quota.parse::<f64>().ok()? / period.parse::<f64>().ok()?)
+    Some(quota.parse::<f64>().ok()? / period.parse::<f64>().ok()?).filter(|share| share.is_finite())
 }
 
 fn major_minor(release: &str) -> Option<String> {
@@ -222,34 +262,36 @@ fn major_minor(release: &str) -> Option<String> {
     Some(format!("{}.{}", parts.next()?, parts.next()?))
 }
 
-fn boost() -> Option<bool> {
-    text("/sys/devices/system/cpu/cpufreq/boost")
+fn boost(root: &Root) -> Option<bool> {
+    root.text("sys/devices/system/cpu/cpufreq/boost")
         .map(|s| s == "1")
-        .or_else(|| text("/sys/devices/system/cpu/intel_pstate/no_turbo").map(|s| s == "0"))
+        .or_else(|| root.text("sys/devices/system/cpu/intel_pstate/no_turbo").map(|s| s == "0"))
 }
 
-fn container() -> Option<String> {
-    let marks = [("/.dockerenv", "docker"), ("/run/.containerenv", "podman")];
-    let by_file = marks.iter().find(|(path, _)| Path::new(path).exists()).map(|&(_, kind)| kind.to_owned());
-    by_file.or_else(|| text("/run/systemd/container"))
+fn container(root: &Root) -> Option<String> {
+    let marks = [(".dockerenv", "docker"), ("run/.containerenv", "podman")];
+    let by_file = marks.iter().find(|(path, _)| root.path(path).exists()).map(|&(_, kind)| kind.to_owned());
+    by_file.or_else(|| root.text("run/systemd/container"))
 }
 
 /// GPUs of the proprietary NVIDIA driver, which names them in /proc, and PCI ids of all others.
-fn gpus() -> Vec<String> {
-    let folders = |path: &str| fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.path());
-    let driver = text("/proc/driver/nvidia/version")
+fn gpus(root: &Root) -> Vec<String> {
+    let driver = root
+        .text("proc/driver/nvidia/version")
         .and_then(|v| {
             v.split_whitespace().find(|w| w.starts_with(|c: char| c.is_ascii_digit())).map(str::to_owned)
         })
         .unwrap_or_default();
-    let nvidia = folders("/proc/driver/nvidia/gpus")
-        .filter_map(|gpu| field(&text(gpu.join("information"))?, "Model"))
+    let nvidia = root
+        .entries("proc/driver/nvidia/gpus")
+        .into_iter()
+        .filter_map(|gpu| field(&root.text(gpu.join("information"))?, "Model"))
         .map(|model| format!("{model} (driver {driver})"));
-    let others = folders("/sys/class/drm").filter_map(|card| {
+    let others = root.entries("sys/class/drm").into_iter().filter_map(|card| {
         let name = card.file_name()?.to_str()?.to_owned();
         let digits = name.strip_prefix("card")?;
         digits.bytes().all(|b| b.is_ascii_digit()).then_some(())?;
-        let id = |what| text(card.join("device").join(what));
+        let id = |what| root.text(card.join("device").join(what));
         Some(format!("PCI {} {}", id("vendor")?, id("device")?))
     });
     let mut gpus: Vec<String> = nvidia.chain(others).collect();

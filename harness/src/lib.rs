@@ -9,7 +9,9 @@
 pub mod animation;
 pub mod body;
 pub mod cache;
+pub mod choose;
 pub mod cmd;
+pub mod doctor;
 pub mod engine;
 pub mod environment;
 pub mod exit;
@@ -25,6 +27,7 @@ pub mod report;
 pub mod shapes;
 pub mod statistics;
 pub mod subdivision;
+pub mod trend;
 pub mod vector;
 pub mod verify;
 

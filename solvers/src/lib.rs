@@ -12,6 +12,7 @@ pub mod backend;
 pub mod backends;
 pub mod columns;
 pub mod conformance;
+pub mod devices;
 pub mod dirichlet;
 pub mod error;
 pub mod incidence;

@@ -1,5 +1,6 @@
 //! The command line from outside: exit codes, forms of output, and what becomes of cells whose process misbehaves.
 
+mod choose;
 mod disks;
 mod faults;
 mod foreign;

@@ -4,8 +4,10 @@
 //! in `dispatch`. Data goes to stdout through [`output`], everything else to stderr.
 
 pub mod animate;
+pub mod choose;
 pub mod compare;
 pub mod completions;
+pub mod cost_model;
 pub mod doctor;
 pub mod kharmonic;
 pub mod list;
@@ -18,6 +20,7 @@ pub mod report;
 pub mod run;
 pub mod schema;
 pub mod solve;
+pub mod trend;
 pub mod validate;
 
 use crate::exit::Exit;
@@ -52,6 +55,9 @@ enum Command {
     Merge(merge::Args),
     Animate(animate::Args),
     Compare(compare::Args),
+    Trend(trend::Args),
+    Choose(Box<choose::Args>),
+    CostModel(cost_model::Args),
     List(list::Args),
     Doctor(doctor::Args),
     Schema(schema::Args),
@@ -119,6 +125,9 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Merge(args) => merge::run(&args),
         Command::Animate(args) => animate::run(&args, context),
         Command::Compare(args) => compare::run(&args),
+        Command::Trend(args) => trend::run(&args),
+        Command::Choose(args) => choose::run(&args, context),
+        Command::CostModel(args) => cost_model::run(&args, context),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),
         Command::Peer(args) => peer::run(&args, context),

@@ -80,6 +80,14 @@ pub enum Request {
         /// Updates that are timed, each on its own.
         times: u32,
     },
+    /// Change the constrained vertices of a `harmonic` problem, once: [`Timed`] with one sample. Later right-hand sides have
+    /// a row for each vertex of the new set, ascending. A solver that can only prepare anew is `unsupported`.
+    Edit {
+        /// Vertices that become constrained, ascending, u32.
+        add: ArrayFile,
+        /// Vertices that become free, ascending, u32.
+        remove: ArrayFile,
+    },
     /// Do whole `transfer` frames in order, x kept from frame to frame: [`Timed`].
     Frame {
         /// Template positions, one frame per row (3 numbers per vertex), f64.

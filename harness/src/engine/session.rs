@@ -205,6 +205,7 @@ impl Request {
             Request::Solve { .. } => "solve",
             Request::Iterate { .. } => "iterate",
             Request::Update { .. } => "update",
+            Request::Edit { .. } => "edit",
             Request::Frame { .. } => "frame",
             Request::OpenLoop { .. } => "open_loop",
             Request::Memory => "memory",

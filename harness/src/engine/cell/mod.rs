@@ -23,7 +23,7 @@ use super::session::{Failure, Session};
 use super::settings::Settings;
 use super::solver::Solver;
 use super::source::Source;
-use super::task::{Goal, Task};
+use super::task::{Edit, Goal, Task};
 use crate::record::names::Status;
 use crate::record::result::{Cell, Phases, SetUp};
 use crate::statistics::percentiles;
@@ -51,6 +51,8 @@ pub struct Running<'a> {
     samples: Vec<u64>,
     /// Parts of each steady frame.
     steps: BTreeMap<String, Vec<u64>>,
+    /// Times of changes: new values, or edits of the constraints.
+    changes: Vec<u64>,
     /// The frame that comes next (`transfer`).
     next_frame: usize,
     allocations: Option<u64>,
@@ -113,6 +115,7 @@ impl<'a> Running<'a> {
             verified: Vec::new(),
             samples: Vec::new(),
             steps: BTreeMap::new(),
+            changes: Vec::new(),
             next_frame: 0,
             allocations: None,
             repetitions: 0,
@@ -168,6 +171,47 @@ impl<'a> Running<'a> {
         };
         watch.end(&mut self.cell.contention);
         self.settle(outcome);
+    }
+
+    /// New values and back again for about `time`, at least once. Where the solver cannot, the row says so and nothing is
+    /// measured.
+    pub fn change_values(&mut self, time: Duration) {
+        let task = self.task;
+        if let (true, Goal::Solve(solve)) = (self.is_live(), &task.goal) {
+            let outcome = self.updates_for(solve, time);
+            self.settle(outcome);
+        }
+    }
+
+    /// Other constraints and back again for about `time`, at least once; as [`change_values`](Self::change_values).
+    pub fn change_constraints(&mut self, edit: &Edit, time: Duration) {
+        let task = self.task;
+        if let (true, Goal::Solve(solve)) = (self.is_live(), &task.goal) {
+            let outcome = self.edits(solve, edit, time);
+            self.settle(outcome);
+        }
+    }
+
+    /// Asks for peak memory and factor once more.
+    pub fn look_at_memory(&mut self) {
+        if self.is_live() {
+            let outcome = self.memory();
+            self.settle(outcome);
+        }
+    }
+
+    /// The same preparation once more and again for about `time`, at least once: what a change costs a solver that can only
+    /// prepare anew. Its process is warm by then, other than in [`begin`](Self::begin).
+    pub fn prepare_again(&mut self, time: Duration) {
+        if self.is_live() {
+            let outcome = self.preparations(time);
+            self.settle(outcome);
+        }
+    }
+
+    /// Times of the changes so far, nanoseconds.
+    pub fn changes(&self) -> &[u64] {
+        &self.changes
     }
 
     /// Measures the read bandwidth at the factor's size, in this process, for comparison.

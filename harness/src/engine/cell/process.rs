@@ -61,6 +61,18 @@ impl Running<'_> {
         Ok(())
     }
 
+    /// Prepares the same problem again; the times count as changes.
+    pub(super) fn preparations(&mut self, time: Duration) -> Result<(), Failure> {
+        let begin = Instant::now();
+        while self.changes.is_empty() || begin.elapsed() < time {
+            let request =
+                Request::Prepare { problem: self.task.problem.clone(), max_columns: self.task.columns() };
+            let Prepared { order_ns, symbolic_ns, numeric_ns, upload_ns } = self.ask(request)?;
+            self.changes.push([order_ns, symbolic_ns, numeric_ns, upload_ns].into_iter().flatten().sum());
+        }
+        Ok(())
+    }
+
     pub(super) fn memory(&mut self) -> Result<(), Failure> {
         let held: Memory = self.ask(Request::Memory)?;
         self.cell.peak_rss_bytes = self.cell.peak_rss_bytes.max(held.peak_rss_bytes);

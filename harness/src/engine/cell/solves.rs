@@ -3,9 +3,10 @@
 use super::Running;
 use super::process::read_block;
 use crate::engine::array_file::ArrayFile;
+use crate::engine::equations::Equations;
 use crate::engine::protocol::{Iterated, Request, Timed};
 use crate::engine::session::Failure;
-use crate::engine::task::Solve;
+use crate::engine::task::{Edit, Solve};
 use crate::record::names::Status;
 use crate::record::result::{Convergence, Summary};
 use std::time::{Duration, Instant};
@@ -13,23 +14,23 @@ use std::time::{Duration, Instant};
 impl Running<'_> {
     /// The first solve, checked; its time.
     pub(super) fn first_solve(&mut self, solve: &Solve) -> Result<u64, Failure> {
-        let timed = self.solve(solve, 0, 1)?;
+        let timed = self.solve(&solve.input, 0, 1)?;
         self.count(&timed);
         self.check_solution(solve)?;
         Ok(timed.samples_ns[0])
     }
 
     pub(super) fn steady_solves(&mut self, solve: &Solve, warmup: u32, times: u32) -> Result<(), Failure> {
-        let timed = self.solve(solve, warmup, times)?;
+        let timed = self.solve(&solve.input, warmup, times)?;
         self.count(&timed);
         self.samples.extend(&timed.samples_ns);
         self.check_solution(solve)
     }
 
-    fn solve(&mut self, solve: &Solve, warmup: u32, times: u32) -> Result<Timed, Failure> {
+    fn solve(&mut self, input: &ArrayFile, warmup: u32, times: u32) -> Result<Timed, Failure> {
         let _ = std::fs::remove_file(&self.solution); // an old answer must not pass for a new one
-        let request =
-            Request::Solve { rhs: solve.input.clone(), warmup, times, solution: self.solution.clone() };
+        let (rhs, solution) = (input.clone(), self.solution.clone());
+        let request = Request::Solve { rhs, warmup, times, solution };
         self.timed(request, times)
     }
 
@@ -49,37 +50,79 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// New values and back again, at least once and for up to a quarter of the cell's time. The first answer with new values
-    /// is checked, and the one after the last return.
+    /// New values for up to a quarter of the cell's time, unless that was done before.
     pub(super) fn updates(&mut self, solve: &Solve) -> Result<(), Failure> {
+        if self.changes.is_empty() { self.updates_for(solve, self.settings.cell_time / 4) } else { Ok(()) }
+    }
+
+    /// New values and back again, at least once and for about `time`. The first answer with new values is checked, and the
+    /// one after the last return.
+    pub(super) fn updates_for(&mut self, solve: &Solve, time: Duration) -> Result<(), Failure> {
         let Some(update) = &solve.update else { return Ok(()) };
-        let mut samples = Vec::new();
         let begin = Instant::now();
-        while samples.is_empty() || begin.elapsed() < self.settings.cell_time / 4 {
+        while self.changes.is_empty() || begin.elapsed() < time {
             for values in [&update.new, &update.original] {
                 let request = Request::Update { values: values.clone(), times: 1 };
-                match self.timed(request, 1) {
-                    Ok(timed) => samples.extend(timed.samples_ns),
-                    Err(failure) if failure.status == Status::Unsupported => {
-                        self.cell.details.insert("update".into(), failure.reason);
-                        return Ok(());
-                    }
-                    Err(failure) => return Err(failure),
+                if !self.change("update", request)? {
+                    return Ok(());
                 }
-                if samples.len() == 1 {
-                    self.solve(solve, 0, 1)?;
-                    let x = self.read_solution(solve)?;
-                    let checked = solve.check.updated(&update.equations, &x, &self.limits);
-                    if let [fault, ..] = checked.faults.as_slice() {
-                        return Err(Failure::new(Status::Invalid, format!("after new values: {fault}")));
-                    }
+                if self.changes.len() == 1 {
+                    self.check_changed(solve, &update.equations, &solve.input)?;
                 }
             }
         }
-        self.solve(solve, 0, 1)?;
-        self.check_solution(solve)?;
-        self.cell.update_ns = Summary::of(&samples);
-        Ok(())
+        self.cell.update_ns = Summary::of(&self.changes);
+        self.solve(&solve.input, 0, 1)?;
+        self.check_solution(solve)
+    }
+
+    /// Other constraints and back again, at least once and for about `time`; checked as [`updates_for`](Self::updates_for).
+    pub(super) fn edits(&mut self, solve: &Solve, edit: &Edit, time: Duration) -> Result<(), Failure> {
+        let begin = Instant::now();
+        while self.changes.is_empty() || begin.elapsed() < time {
+            for (add, remove) in [(&edit.add, &edit.remove), (&edit.remove, &edit.add)] {
+                let request = Request::Edit { add: add.clone(), remove: remove.clone() };
+                if !self.change("edit", request)? {
+                    return Ok(());
+                }
+                if self.changes.len() == 1 {
+                    self.check_changed(solve, &edit.equations, &edit.input)?;
+                }
+            }
+        }
+        self.solve(&solve.input, 0, 1)?;
+        self.check_solution(solve)
+    }
+
+    /// One change, its time kept; false where the solver does not do that.
+    fn change(&mut self, what: &str, request: Request) -> Result<bool, Failure> {
+        match self.timed(request, 1) {
+            Ok(timed) => {
+                self.changes.extend(timed.samples_ns);
+                Ok(true)
+            }
+            Err(failure) if failure.status == Status::Unsupported => {
+                self.cell.details.insert(what.into(), failure.reason);
+                Ok(false)
+            }
+            Err(failure) => Err(failure),
+        }
+    }
+
+    /// Solves after a change and checks the answer; a wrong one ends the cell.
+    fn check_changed(
+        &mut self,
+        solve: &Solve,
+        changed: &Equations,
+        input: &ArrayFile,
+    ) -> Result<(), Failure> {
+        self.solve(input, 0, 1)?;
+        let x = read_block(&self.solution, changed.rows(), changed.columns())?;
+        let checked = solve.check.updated(changed, &x, &self.limits);
+        match checked.faults.as_slice() {
+            [] => Ok(()),
+            [fault, ..] => Err(Failure::new(Status::Invalid, format!("after a change: {fault}"))),
+        }
     }
 
     /// The course of the iterations of one more solve, where the solver tells.

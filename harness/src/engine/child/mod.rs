@@ -14,7 +14,7 @@ use super::protocol::{
 use crate::process;
 use clock::PhaseClock;
 use lapsolve::backend::Backend;
-use lapsolve::error::{PrepareError, SolveError, Unavailable};
+use lapsolve::error::{EditError, PrepareError, SolveError, Unavailable};
 use lapsolve::registry::{Entry, OpenOptions};
 use prepared::Prepared;
 use serde::Serialize;
@@ -70,6 +70,7 @@ impl Server<'_> {
             Request::Update { values, times } => {
                 render(id, self.prepared().and_then(|p| p.update(&values, times)))
             }
+            Request::Edit { add, remove } => render(id, self.prepared().and_then(|p| p.edit(&add, &remove))),
             Request::Frame { template, warmup, solution, trace } => {
                 let counts = self.counts;
                 render(
@@ -169,6 +170,16 @@ impl From<PrepareError> for Refusal {
             _ => RefusalKind::Failed,
         };
         Self { kind, message: error.to_string() }
+    }
+}
+
+impl From<EditError> for Refusal {
+    fn from(error: EditError) -> Self {
+        match error {
+            EditError::Prepare(error) => error.into(),
+            EditError::Unsupported => Self { kind: RefusalKind::Unsupported, message: error.to_string() },
+            _ => failed(error.to_string()),
+        }
     }
 }
 

@@ -201,6 +201,19 @@ impl Prepared {
         })
     }
 
+    /// `edit`: see [`crate::engine::protocol::Request::Edit`].
+    pub fn edit(&mut self, add: &ArrayFile, remove: &ArrayFile) -> Result<Timed, Refusal> {
+        let (add, remove): (Vec<u32>, Vec<u32>) = (add.read()?, remove.read()?);
+        let Handle::Harmonic(harmonic) = &mut self.handle else {
+            return Err(failed("only a harmonic problem has constraints to edit"));
+        };
+        let start = Instant::now();
+        harmonic.edit_constraints(&add, &remove)?;
+        let elapsed = start.elapsed();
+        self.inputs = self.inputs + add.len() - remove.len();
+        Ok(Timed { samples_ns: vec![nanoseconds(elapsed)], ..Timed::default() })
+    }
+
     /// `frame`: see [`crate::engine::protocol::Request::Frame`]. A frame is read before its clock starts.
     pub fn frame(
         &mut self,

@@ -90,6 +90,55 @@ pub struct Update {
     pub original: ArrayFile,
 }
 
+/// Other constraints of `harmonic`.
+#[derive(Debug)]
+pub struct Edit {
+    /// The equations with the other constraints.
+    pub equations: Equations,
+    /// Vertices that become constrained.
+    pub add: ArrayFile,
+    /// Vertices that become free.
+    pub remove: ArrayFile,
+    /// Values at the other constraints.
+    pub input: ArrayFile,
+}
+
+impl Edit {
+    /// One step of `harmonic-edit` on `mesh`, for a task with the default constraints: ten of them move. None for other
+    /// workloads, and where the mesh is too small to have other vertices.
+    ///
+    /// # Errors
+    /// A full disk.
+    pub fn of(task: &Task, mesh: &TriangleMesh) -> anyhow::Result<Option<Self>> {
+        let Goal::Solve(solve) = &task.goal else { return Ok(None) };
+        let Judge::Equations(check) = &solve.check else { return Ok(None) };
+        let Equations::Harmonic { problem, positions, triangles, k, .. } = &check.equations else {
+            return Ok(None);
+        };
+        let count = harmonic::DEFAULT_CONSTRAINTS + harmonic::EDITED_CONSTRAINTS;
+        let fixed = harmonic::Constraints::sample(mesh, problem.laplacian(), count).edited_set(1);
+        let (add, remove) = harmonic::difference(problem.fixed(), &fixed);
+        if add.is_empty() || remove.is_empty() {
+            return Ok(None);
+        }
+        let g = matrix::default_solution(fixed.len(), *k);
+        let input = ArrayFile::write(&task.folder.join("edited.f64"), &g, *k)?;
+        let problem = Box::new(Dirichlet::new(problem.laplacian().clone(), Some(mesh.positions()), &fixed)?);
+        Ok(Some(Self {
+            equations: Equations::Harmonic {
+                problem,
+                positions: positions.clone(),
+                triangles: triangles.clone(),
+                g,
+                k: *k,
+            },
+            add: ArrayFile::write(&task.folder.join("added.u32"), &add, 1)?,
+            remove: ArrayFile::write(&task.folder.join("removed.u32"), &remove, 1)?,
+            input,
+        }))
+    }
+}
+
 impl Task {
     /// Makes the equations, solves them for reference with the best of `backends`, and writes the files to `folder`.
     ///

@@ -33,6 +33,7 @@ mod tests;
 pub use buffer::{Buffer, Input, Output, Place, Plain, Slot, Upload, constant};
 pub use device::{ALIGNMENT, Access, Device, Settings, Traits};
 pub use error::DeviceError;
+pub use instance::{Candidate, Instance};
 pub use kernel::Kernel;
 pub use plan::{Plan, Recorded};
 pub use shaders::{Binding, Shader};

@@ -1,0 +1,4 @@
+//! How cells developed over recorded results.
+
+pub mod plot;
+pub mod series;
