@@ -75,6 +75,17 @@ pub enum Request {
         /// Updates that are timed, each on its own.
         times: u32,
     },
+    /// Change the constrained vertices of a `harmonic` problem and solve once: [`Timed`] with one sample for both together.
+    Edit {
+        /// Vertices to constrain, ascending, u32.
+        add: ArrayFile,
+        /// Vertices to free, ascending, u32.
+        remove: ArrayFile,
+        /// Values at all constrained vertices of the new set, ascending: |C| x k, f64.
+        constraints: ArrayFile,
+        /// Where the solution goes: n x k, f64.
+        solution: PathBuf,
+    },
     /// Do whole `transfer` frames in order, x kept from frame to frame: [`Timed`].
     Frame {
         /// Template positions, one frame per row (3 numbers per vertex), f64.

@@ -201,6 +201,7 @@ impl Request {
             Request::Prepare { .. } => "prepare",
             Request::Solve { .. } => "solve",
             Request::Update { .. } => "update",
+            Request::Edit { .. } => "edit",
             Request::Frame { .. } => "frame",
             Request::OpenLoop { .. } => "open_loop",
             Request::Memory => "memory",

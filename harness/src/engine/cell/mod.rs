@@ -6,6 +6,7 @@
 //! finish: updates, memory, open-loop frames, goodbye
 //! ```
 
+mod edits;
 mod figures;
 mod frames;
 mod process;
@@ -39,7 +40,7 @@ pub struct Running<'a> {
     /// The last solution that passed every check: the same bits need no second one.
     verified: Vec<f64>,
     samples: Vec<u64>,
-    /// The frame that comes next (`transfer`).
+    /// The frame (`transfer`) or edit (`harmonic-edit`) that comes next.
     next_frame: usize,
     allocations: Option<u64>,
     repetitions: u64,
@@ -125,7 +126,10 @@ impl<'a> Running<'a> {
         // Other processes had the caches in the meantime; where there is time, a repetition warms them up again.
         let warmup = u32::from(2 * expected <= slice);
         let outcome = match &task.goal {
-            Goal::Solve(solve) => self.steady_solves(solve, warmup, times),
+            Goal::Solve(solve) => match &solve.edits {
+                Some(edits) => self.steady_edits(solve, edits, slice),
+                None => self.steady_solves(solve, warmup, times),
+            },
             Goal::Frames(frames) => self.steady_frames(frames, warmup, times),
         };
         self.settle(outcome);
@@ -142,10 +146,13 @@ impl<'a> Running<'a> {
         if self.is_live() {
             let task = self.task;
             let outcome = match &task.goal {
-                Goal::Solve(solve) => self
-                    .updates(solve)
-                    .and_then(|()| self.memory())
-                    .and_then(|()| self.open_loops(&solve.input)),
+                Goal::Solve(solve) => match &solve.edits {
+                    Some(edits) => self.last_edits(solve, edits).and_then(|()| self.memory()),
+                    None => self
+                        .updates(solve)
+                        .and_then(|()| self.memory())
+                        .and_then(|()| self.open_loops(&solve.input)),
+                },
                 Goal::Frames(frames) => self.last_frames(frames),
             };
             self.settle(outcome);

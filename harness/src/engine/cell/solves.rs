@@ -33,12 +33,12 @@ impl Running<'_> {
         self.timed(request, times)
     }
 
-    fn read_solution(&self, solve: &Solve) -> Result<Vec<f64>, Failure> {
+    pub(super) fn read_solution(&self, solve: &Solve) -> Result<Vec<f64>, Failure> {
         let equations = &solve.check.equations;
         read_block(&self.solution, equations.rows(), equations.columns())
     }
 
-    fn check_solution(&mut self, solve: &Solve) -> Result<(), Failure> {
+    pub(super) fn check_solution(&mut self, solve: &Solve) -> Result<(), Failure> {
         let x = self.read_solution(solve)?;
         if same_bits(&x, &self.verified) {
             return Ok(());

@@ -13,7 +13,7 @@ use super::protocol::{
 use crate::process;
 use clock::PhaseClock;
 use lapsolve::backend::Backend;
-use lapsolve::error::{PrepareError, SolveError, Unavailable};
+use lapsolve::error::{EditError, PrepareError, SolveError, Unavailable};
 use lapsolve::registry::{Entry, OpenOptions};
 use prepared::Prepared;
 use serde::Serialize;
@@ -61,6 +61,9 @@ impl Server<'_> {
             }
             Request::Update { values, times } => {
                 render(id, self.prepared().and_then(|p| p.update(&values, times)))
+            }
+            Request::Edit { add, remove, constraints, solution } => {
+                render(id, self.prepared().and_then(|p| p.edit(&add, &remove, &constraints, &solution)))
             }
             Request::Frame { template, warmup, solution, trace } => {
                 let counts = self.counts;
@@ -160,6 +163,16 @@ impl From<PrepareError> for Refusal {
             _ => RefusalKind::Failed,
         };
         Self { kind, message: error.to_string() }
+    }
+}
+
+impl From<EditError> for Refusal {
+    fn from(error: EditError) -> Self {
+        match error {
+            EditError::Prepare(error) => error.into(),
+            EditError::Unsupported => Self { kind: RefusalKind::Unsupported, message: error.to_string() },
+            _ => failed(error.to_string()),
+        }
     }
 }
 

@@ -137,6 +137,40 @@ impl Prepared {
         })
     }
 
+    /// `edit`: see [`crate::engine::protocol::Request::Edit`].
+    pub fn edit(
+        &mut self,
+        add: &ArrayFile,
+        remove: &ArrayFile,
+        constraints: &ArrayFile,
+        solution: &Path,
+    ) -> Result<Timed, Refusal> {
+        let (add, remove): (Vec<u32>, Vec<u32>) = (add.read()?, remove.read()?);
+        let k = constraints.columns;
+        if k == 0 || k > self.max_columns {
+            return Err(failed(format!("{k} columns, prepared for {}", self.max_columns)));
+        }
+        let g: Vec<f64> = constraints.read()?;
+        let Handle::Harmonic(harmonic) = &mut self.handle else {
+            return Err(failed("edits need a prepared harmonic problem"));
+        };
+        let after = (self.inputs + add.len()).checked_sub(remove.len());
+        if after != Some(constraints.rows) {
+            return Err(failed(format!("{} values after the edit", constraints.rows)));
+        }
+        let (n, mut x) = (self.outputs, vec![0.0; self.outputs * k]);
+        let timed = repeat(0, 1, false, |_| {
+            let start = Instant::now();
+            harmonic.edit_constraints(&add, &remove)?;
+            let g = Columns::new(&g[..], constraints.rows, k);
+            let solved = harmonic.solve(g, Columns::new(&mut x[..], n, k))?;
+            Ok(Step { elapsed: start.elapsed(), solved, allocations: 0 })
+        })?;
+        self.inputs = constraints.rows;
+        ArrayFile::write(solution, &x, k)?;
+        Ok(timed)
+    }
+
     /// `frame`: see [`crate::engine::protocol::Request::Frame`]. A frame is read before its clock starts.
     pub fn frame(
         &mut self,

@@ -1,5 +1,6 @@
 //! A workload on a source: equations, reference, and the files that children read. Made once, for all cells.
 
+pub mod edits;
 pub mod frames;
 pub mod transfer;
 
@@ -14,6 +15,7 @@ use crate::mesh_io::{npy, table};
 use crate::record::names::Precision;
 use crate::verify::reference::Trusted;
 use anyhow::{Context, anyhow};
+use edits::Edits;
 use frames::FrameCheck;
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
@@ -62,6 +64,8 @@ pub struct Solve {
     pub input: ArrayFile,
     /// Other values on the same pattern, to be refactored; none where the workload has no such values.
     pub update: Option<Update>,
+    /// How the constraints move, in `harmonic-edit`.
+    pub edits: Option<Edits>,
 }
 
 /// Frames of `transfer`.
@@ -114,7 +118,14 @@ impl Task {
         let begin = Instant::now();
         let equations = equations(workload, &source.content, inputs, backends)?;
         let assemble_ns = begin.elapsed().as_nanos() as u64;
-        let updated = other_values(workload, source, inputs, backends, &equations);
+        let edits = match (workload, &source.content) {
+            (Workload::HarmonicEdit, Content::Mesh(mesh)) => Some(Edits::new(mesh, inputs)?),
+            _ => None,
+        };
+        let updated = match edits {
+            Some(_) => None, // the rows of `harmonic` have that
+            None => other_values(workload, source, inputs, backends, &equations),
+        };
         let (problem, input) = equations.write(&folder)?;
         let update = updated.map(|changed| Update::write(&folder, &equations, changed)).transpose()?;
         let scale = match (workload, &source.content) {
@@ -125,7 +136,7 @@ impl Task {
         if let Some(why) = &check.no_reference {
             eprintln!("{}: {workload}: no reference solution: {why}", source.record.name);
         }
-        let goal = Goal::Solve(Box::new(Solve { check, input, update }));
+        let goal = Goal::Solve(Box::new(Solve { check, input, update, edits }));
         Ok(Self { workload, assemble_ns, problem, goal, folder })
     }
 
@@ -204,8 +215,9 @@ impl Update {
 
 fn forward_limit(workload: Workload) -> ForwardLimit {
     match workload {
-        Workload::Harmonic => |l| Some(l.harmonic),
+        Workload::Harmonic | Workload::HarmonicEdit => |l| Some(l.harmonic),
         Workload::Kharmonic2 | Workload::Kharmonic3 => |_| None,
+        Workload::Matrix => |l| l.matrix,
         _ => |l| Some(l.poisson),
     }
 }
@@ -222,7 +234,7 @@ pub fn equations(
 ) -> anyhow::Result<Equations> {
     match (workload, content) {
         (Workload::Matrix, Content::Matrix(matrix)) => of_matrix(matrix, inputs),
-        (Workload::Harmonic, Content::Mesh(mesh)) => of_harmonic(mesh, inputs),
+        (Workload::Harmonic | Workload::HarmonicEdit, Content::Mesh(mesh)) => of_harmonic(mesh, inputs),
         (Workload::Poisson, Content::Mesh(mesh)) => of_poisson(mesh, inputs, backends),
         (Workload::Transfer, Content::Mesh(_)) => {
             Err(anyhow!("`transfer` is two systems; ask for `harmonic` or `poisson`"))
@@ -255,15 +267,20 @@ fn of_harmonic(mesh: &TriangleMesh, inputs: &Inputs) -> anyhow::Result<Equations
         None => {
             let constraints = harmonic::Constraints::sample(mesh, &laplacian, harmonic::DEFAULT_CONSTRAINTS);
             let fixed = constraints.default_set();
-            let (g, k) = match inputs.columns {
-                Some(k) => (matrix::default_solution(fixed.len(), k as usize), k as usize),
-                None => (harmonic::default_values(mesh, &fixed), harmonic::COLUMNS),
-            };
+            let (g, k) = default_values(mesh, &fixed, inputs);
             (fixed, g, k)
         }
     };
     let problem = Box::new(Dirichlet::new(laplacian, Some(mesh.positions()), &fixed)?);
     Ok(Equations::Harmonic { problem, positions: Some(mesh.positions().to_vec()), g, k })
+}
+
+/// Values of `harmonic` at the vertices `fixed`, and their number of columns.
+fn default_values(mesh: &TriangleMesh, fixed: &[u32], inputs: &Inputs) -> (Vec<f64>, usize) {
+    match inputs.columns {
+        Some(k) => (matrix::default_solution(fixed.len(), k as usize), k as usize),
+        None => (harmonic::default_values(mesh, fixed), harmonic::COLUMNS),
+    }
 }
 
 /// L x = U, grounded; U is that of the default motion's extreme frame unless given.

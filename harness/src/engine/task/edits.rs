@@ -1,0 +1,79 @@
+//! How the constraints of `harmonic-edit` move, and what the field of every step is checked against.
+
+use crate::engine::array_file::ArrayFile;
+use crate::engine::equations::Equations;
+use crate::engine::inputs::Inputs;
+use anyhow::anyhow;
+use lapsolve::dirichlet::{Dirichlet, DirichletError};
+use lapsolve::laplacian::{Laplacian, Weights};
+use lapsolve::mesh::TriangleMesh;
+use lapsolve::sparse::SymmetricCsr;
+use lapsolve::workload::harmonic::{Constraints, EDIT_SEQUENCE, difference};
+use std::io;
+use std::path::Path;
+
+/// A mesh whose constraints move.
+#[derive(Debug)]
+pub struct Edits {
+    mesh: TriangleMesh,
+    laplacian: SymmetricCsr,
+    constraints: Constraints,
+    inputs: Inputs,
+}
+
+/// The files of one step.
+#[derive(Debug)]
+pub struct Step {
+    /// Vertices to constrain.
+    pub add: ArrayFile,
+    /// Vertices to free.
+    pub remove: ArrayFile,
+    /// Values at the new set.
+    pub constraints: ArrayFile,
+}
+
+impl Edits {
+    /// The default schedule of `mesh`.
+    ///
+    /// # Errors
+    /// Where other constraints are given.
+    pub fn new(mesh: &TriangleMesh, inputs: &Inputs) -> anyhow::Result<Self> {
+        if inputs.constraints.is_some() {
+            return Err(anyhow!("`harmonic-edit` moves the default constraints; it takes no --constraints"));
+        }
+        let laplacian = Laplacian::assemble(mesh, Weights::Plain).into_matrix();
+        let constraints = Constraints::sample(mesh, &laplacian, EDIT_SEQUENCE);
+        Ok(Self { mesh: mesh.clone(), laplacian, constraints, inputs: inputs.clone() })
+    }
+
+    /// Steps after which the default constraints are back.
+    pub fn period(&self) -> usize {
+        self.constraints.edit_period()
+    }
+
+    /// Writes what leads from step `k` to the next one.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn write(&self, k: usize, path: &Path) -> io::Result<Step> {
+        let (from, to) = (self.constraints.edited_set(k), self.constraints.edited_set(k + 1));
+        let (add, remove) = difference(&from, &to);
+        let (g, columns) = super::default_values(&self.mesh, &to, &self.inputs);
+        Ok(Step {
+            add: ArrayFile::write(&path.with_extension("add"), &add, 1)?,
+            remove: ArrayFile::write(&path.with_extension("remove"), &remove, 1)?,
+            constraints: ArrayFile::write(&path.with_extension("constraints"), &g, columns)?,
+        })
+    }
+
+    /// What holds after `k` steps.
+    ///
+    /// # Errors
+    /// None for a mesh whose default constraints are acceptable.
+    pub fn equations(&self, k: usize) -> Result<Equations, DirichletError> {
+        let set = self.constraints.edited_set(k);
+        let (g, columns) = super::default_values(&self.mesh, &set, &self.inputs);
+        let problem = Box::new(Dirichlet::new(self.laplacian.clone(), Some(self.mesh.positions()), &set)?);
+        Ok(Equations::Harmonic { problem, positions: None, g, k: columns })
+    }
+}
