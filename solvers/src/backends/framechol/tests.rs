@@ -101,8 +101,9 @@ fn fronts_wider_than_a_strip_are_solved() {
 #[test]
 fn stars_diagonals_and_single_rows_are_solved() {
     let star = |n: u32| (1..n).map(|v| (n / 2, v - 1)).collect::<Vec<_>>();
-    let two_stars =
-        |n: u32| star(n / 2).into_iter().chain(star(n / 2).into_iter().map(|(a, b)| (a + n / 2, b + n / 2)));
+    let two_stars = |n: u32| {
+        star(n / 2).into_iter().chain(star(n / 2).into_iter().map(move |(a, b)| (a + n / 2, b + n / 2)))
+    };
     let cases: [(u32, Vec<(u32, u32)>); 5] =
         [(1, vec![]), (2, vec![]), (700, vec![]), (2000, star(2000)), (3000, two_stars(3000).collect())];
     for (n, edges) in cases {
