@@ -3,9 +3,10 @@
 //! ```text
 //! cargo run --release -p lapsolve --example sweep -- [icosphere level] [threads]
 //! ```
-//! Solves L x = b with three columns on a displaced icosphere (level 7: 327,680 triangles), one vertex grounded, and
-//! prints the time of every phase, the bytes one solve streams, and both rates. The read rate is that of a plain sum
+//! Solves L x = b with three columns on a displaced icosphere (level 7: 327,680 triangles), one vertex grounded, for the
+//! mesh's own positions, and prints the time of every phase, the bytes one solve streams, and both rates. The read rate is that of a plain sum
 //! over as many bytes, measured right before each backend.
+use lapsolve::aligned::zeros;
 use lapsolve::backend::{Factor, Phase, PrepareOptions};
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
@@ -16,7 +17,7 @@ use lapsolve::system::System;
 use std::collections::HashMap;
 use std::time::Instant;
 
-const BACKENDS: [&str; 2] = ["framechol-f64", "framechol-f32"];
+const BACKENDS: [&str; 3] = ["framechol-f64", "framechol-f32", "framechol-mixed"];
 const COLUMNS: usize = 3;
 /// Solves per backend; the fastest tenth is averaged, which a busy machine disturbs least.
 const SOLVES: usize = 100;
@@ -34,12 +35,18 @@ fn main() {
         mesh.triangles().len(),
         system.n()
     );
+    let ground = mesh.positions()[problem.fixed()[0] as usize];
+    let relative = |&v: &u32| [0, 1, 2].map(|i| mesh.positions()[v as usize][i] - ground[i]);
+    let x: Vec<f64> = problem.free().iter().flat_map(relative).collect();
+    let mut rhs = vec![0.0; x.len()];
+    let n = system.n();
+    system.matrix().multiply(Columns::new(&x[..], n, COLUMNS), Columns::new(&mut rhs[..], n, COLUMNS));
     for id in BACKENDS {
-        report(id, system, threads);
+        report(id, system, &rhs, threads);
     }
 }
 
-fn report(id: &str, system: &System, threads: usize) {
+fn report(id: &str, system: &System, rhs: &[f64], threads: usize) {
     let entry = registry::find(id).expect("a built-in backend");
     let backend = (entry.open)(&OpenOptions { threads, ..OpenOptions::default() }).expect("always available");
     let mut marks: Vec<(&str, Instant)> = Vec::new();
@@ -55,7 +62,7 @@ fn report(id: &str, system: &System, threads: usize) {
         })
         .expect("a positive definite matrix");
     marks.push(("end", Instant::now()));
-    let seconds = fastest(&mut *factor, system);
+    let (seconds, pairs) = fastest(&mut *factor, system, rhs);
     let footprint = factor.footprint();
     let bytes = footprint.bytes_per_solve.expect("a direct backend knows its bytes");
     let read = read_rate(bytes as usize / 2, threads);
@@ -64,8 +71,9 @@ fn report(id: &str, system: &System, threads: usize) {
     for pair in marks.windows(2) {
         print!("{} {:.0} ms, ", pair[0].0, (pair[1].1 - pair[0].1).as_secs_f64() * 1e3);
     }
+    let pairs = pairs.map_or(String::new(), |pairs| format!(" ({pairs} sweep pairs)"));
     println!(
-        "solve {:.3} ms; {:.2}M entries, {:.1} MB per solve at {rate:.1} GB/s of {read:.1} GB/s = {:.0}%; holds {:.0} MB",
+        "solve {:.3} ms{pairs}; {:.2}M entries, {:.1} MB per solve at {rate:.1} GB/s of {read:.1} GB/s = {:.0}%; holds {:.0} MB",
         seconds * 1e3,
         footprint.factor_nonzeros.unwrap_or(0) as f64 / 1e6,
         bytes as f64 / 1e6,
@@ -74,48 +82,55 @@ fn report(id: &str, system: &System, threads: usize) {
     );
 }
 
-/// Seconds per solve.
-fn fastest(factor: &mut dyn Factor, system: &System) -> f64 {
+/// Seconds per solve, and its sweep pairs where they are counted.
+fn fastest(factor: &mut dyn Factor, system: &System, rhs: &[f64]) -> (f64, Option<u32>) {
     let n = system.n();
-    let rhs: Vec<f64> = (0..n * COLUMNS).map(|at| (at as f64).sin()).collect();
     let mut x = vec![0.0; n * COLUMNS];
+    let mut pairs = None;
     let mut times: Vec<f64> = (0..SOLVES)
         .map(|_| {
             let start = Instant::now();
-            factor
-                .solve(Columns::new(&rhs, n, COLUMNS), Columns::new(&mut x[..], n, COLUMNS))
+            let solved = factor
+                .solve(Columns::new(rhs, n, COLUMNS), Columns::new(&mut x[..], n, COLUMNS))
                 .expect("a finite right-hand side");
+            pairs = solved.iterations;
             start.elapsed().as_secs_f64()
         })
         .collect();
     times.sort_by(f64::total_cmp);
-    times[..SOLVES / 10].iter().sum::<f64>() / (SOLVES / 10) as f64
+    (times[..SOLVES / 10].iter().sum::<f64>() / (SOLVES / 10) as f64, pairs)
 }
 
-/// GB/s of summing `bytes` bytes with `threads` threads: the fastest of ten passes.
+/// GB/s of summing `bytes` bytes with `threads` threads: the fastest of ten passes, forwards and backwards like the sweeps.
 fn read_rate(bytes: usize, threads: usize) -> f64 {
-    let data = vec![1_u64; bytes / 8];
-    let pass = || {
+    let mut data = zeros::<u64>(bytes / 8);
+    data.fill(1);
+    let pass = |backwards: bool| {
         let start = Instant::now();
         let total: u64 = std::thread::scope(|scope| {
             let parts = data.chunks(data.len().div_ceil(threads));
-            let sums: Vec<_> = parts.map(|part| scope.spawn(move || sum(part))).collect();
+            let sums: Vec<_> = parts.map(|part| scope.spawn(move || sum(part, backwards))).collect();
             sums.into_iter().map(|s| s.join().expect("a sum")).sum()
         });
         assert_eq!(std::hint::black_box(total), data.len() as u64);
         start.elapsed().as_secs_f64()
     };
-    bytes as f64 / (0..10).map(|_| pass()).fold(f64::INFINITY, f64::min) / 1e9
+    bytes as f64 / (0..10).map(|at| pass(at % 2 == 1)).fold(f64::INFINITY, f64::min) / 1e9
 }
 
 /// Eight independent sums, so that loads and not additions are the limit.
-fn sum(data: &[u64]) -> u64 {
+fn sum(data: &[u64], backwards: bool) -> u64 {
     let (chunks, rest) = data.as_chunks::<32>();
     let mut lanes = [0_u64; 32];
-    for chunk in chunks {
+    let mut add = |chunk: &[u64; 32]| {
         for (lane, v) in lanes.iter_mut().zip(chunk) {
             *lane = lane.wrapping_add(*v);
         }
+    };
+    if backwards {
+        chunks.iter().rev().for_each(&mut add);
+    } else {
+        chunks.iter().for_each(&mut add);
     }
     lanes.iter().chain(rest).fold(0, |a, v| a.wrapping_add(*v))
 }

@@ -2,7 +2,11 @@
 //!
 //! Kernels are plain safe Rust over small arrays and [`crate::lanes`]s, compiled once per instruction set. On aarch64 NEON
 //! is part of the base architecture, so the portable compilation is the NEON one.
+use crate::error::Unavailable;
 use crate::lanes::{Array, Vector};
+
+/// Overrides the choice; see [`Isa::from_environment`].
+const VARIABLE: &str = "LAPSOLVE_ISA";
 
 /// An instruction set that this machine has and kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,6 +97,21 @@ macro_rules! real {
 real!(f32);
 real!(f64);
 
+/// Asks for the cache line of the number `ahead` places after `at` (before it, where negative), into the second-level cache.
+/// The place may lie outside of every buffer: a hint never faults. Nothing on other machines than x86-64.
+#[inline(always)]
+pub fn prefetch<T>(at: &T, ahead: isize) {
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    {
+        use std::arch::x86_64::{_MM_HINT_T1, _mm_prefetch};
+        let place = std::ptr::from_ref(at).wrapping_offset(ahead).cast();
+        // SAFETY: a prefetch reads nothing that a program can see, and takes any address.
+        unsafe { _mm_prefetch::<_MM_HINT_T1>(place) };
+    }
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
+    let _ = (at, ahead);
+}
+
 struct Base;
 impl Features for Base {
     const FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));
@@ -165,6 +184,29 @@ impl Isa {
         *Self::available().last().expect("the portable set is always there")
     }
 
+    /// The one that the environment variable `LAPSOLVE_ISA` names (`portable`, `avx2`, `avx512`): to measure on one machine
+    /// what another would do. Without it, or empty, the best.
+    ///
+    /// # Errors
+    /// Where this machine does not have it.
+    pub fn from_environment() -> Result<Self, Unavailable> {
+        match std::env::var_os(VARIABLE) {
+            Some(name) if !name.is_empty() => Self::named(&name.to_string_lossy()),
+            _ => Ok(Self::best()),
+        }
+    }
+
+    fn named(name: &str) -> Result<Self, Unavailable> {
+        let available = Self::available();
+        available.iter().copied().find(|isa| isa.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = available.iter().map(|isa| isa.name()).collect();
+            Unavailable {
+                what: format!("{VARIABLE}={name}: not an instruction set of this machine"),
+                how_to_get_it: format!("use one of {}, or unset it", names.join(", ")),
+            }
+        })
+    }
+
     /// Its name, for records.
     pub fn name(self) -> &'static str {
         match self {
@@ -189,5 +231,19 @@ impl Isa {
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => unsafe { x86::avx512(kernel) },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instruction_sets_are_found_by_their_names_and_others_refused() {
+        for isa in Isa::available() {
+            assert_eq!(Isa::named(isa.name()), Ok(isa));
+        }
+        let refusal = Isa::named("avx1024").expect_err("there is none");
+        assert!(refusal.how_to_get_it.contains(Isa::best().name()), "{refusal}");
     }
 }

@@ -14,8 +14,12 @@ pub struct Limits {
     pub relative_residual: Option<f64>,
     /// Largest error of `harmonic`, relative to max |g|.
     pub harmonic: f64,
-    /// Largest error of `poisson` and every other system solve, relative to the diagonal or the largest |x|.
+    /// Largest error of `poisson` and every other system of a mesh, relative to the diagonal or the largest |x|.
     pub poisson: f64,
+    /// Largest error of a solve with any given matrix, relative to the largest |x|. `None` for f32: its other limits are
+    /// those of what a frame displays, smooth fields and positions; a rough solution of an ill-conditioned matrix has
+    /// eps32 times the condition, and only its backward error says whether the solver did its work.
+    pub matrix: Option<f64>,
     /// Largest error of a `transfer` frame, relative to the diagonal.
     pub transfer: f64,
     /// Largest error of an `arap` deformation, relative to the diagonal. Rotations that are fitted in f32, as libigl does, leave
@@ -45,6 +49,7 @@ impl Limits {
             relative_residual: None,
             harmonic,
             poisson,
+            matrix: (precision != Precision::F32).then_some(poisson),
             transfer,
             arap,
         };
@@ -59,6 +64,7 @@ impl Limits {
                     relative_residual: Some(ITERATIVE_SLACK * tolerance),
                     harmonic: forward,
                     poisson: forward,
+                    matrix: Some(forward),
                     transfer: forward,
                     arap: forward,
                 }

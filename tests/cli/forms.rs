@@ -48,6 +48,17 @@ fn a_cell_has_every_figure_of_the_contract() {
 }
 
 #[test]
+fn edits_are_timed_and_checked_where_a_backend_has_them() {
+    let (_, cells, stderr) = run("--workload harmonic-edit --backend framechol-f64,dense");
+    let cells: Vec<_> = cells.into_iter().filter(|cell| cell.workload == "harmonic-edit").collect();
+    let [edits, none] = &cells[..] else { panic!("{stderr}") };
+    assert_eq!(edits.status, Status::Ok, "{:?}", edits.reason);
+    assert!(edits.solve_ns.samples.is_some_and(|n| n > 1) && edits.bandwidth.bytes_per_solve.is_none());
+    assert_eq!(edits.accuracy.certifiable, Some(true), "the last field has a reference");
+    assert_eq!(none.status, Status::Unsupported, "{:?}", none.reason);
+}
+
+#[test]
 fn every_format_of_every_listing() {
     let json: serde_json::Value = serde_json::from_str(&stdout("list --format json")).expect("JSON");
     for (kind, id) in

@@ -10,7 +10,8 @@ use super::rules::{self, Exclusion, Rule};
 use super::snippet;
 use crate::engine::inputs::Inputs;
 use crate::engine::source::{Content, Name, Source};
-use crate::engine::task::{self, Edit};
+use crate::engine::task;
+use crate::engine::task::edits::{Edits, FirstEdit};
 use crate::engine::workload::Workload;
 use crate::engine::workspace::Workspace;
 use crate::record::result::Mesh;
@@ -145,7 +146,7 @@ fn sort_by_prediction(entries: &mut [Entry], question: &Question, source: &Sourc
 pub struct Track {
     /// The system.
     pub task: task::Task,
-    edit: Option<Edit>,
+    edit: Option<FirstEdit>,
     _workspace: Workspace,
 }
 
@@ -174,7 +175,7 @@ impl Track {
         let task = task::Task::new(workload, source, &inputs, backends, workspace.folder("task")?)
             .with_context(|| source.record.name.clone())?;
         let edit = match question.updates {
-            Updates::Constraints => Edit::of(&task, mesh)?,
+            Updates::Constraints => Edits::new(mesh, &inputs)?.first(&workspace.path("edit"))?,
             _ => None,
         };
         Ok(Self { task, edit, _workspace: workspace })

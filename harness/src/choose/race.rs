@@ -19,7 +19,8 @@ use crate::engine::settings::Settings;
 use crate::engine::shuffle::Random;
 use crate::engine::solver::Solver;
 use crate::engine::source::Source;
-use crate::engine::task::{Edit, Task};
+use crate::engine::task::Task;
+use crate::engine::task::edits::FirstEdit;
 use crate::process;
 use crate::record::names::Status;
 use crate::record::result::Cell;
@@ -38,7 +39,7 @@ pub struct Course<'a> {
     /// The mesh.
     pub source: &'a Source,
     /// Other constraints to move to, where they change.
-    pub edit: Option<&'a Edit>,
+    pub edit: Option<&'a FirstEdit>,
     /// Whether candidates may be stopped because others are faster; a model needs all of them.
     pub stops: bool,
 }

@@ -7,6 +7,8 @@ use clap::ValueEnum;
 pub enum Workload {
     /// Harmonic field from values at 50 vertices: L u = 0 on the free vertices
     Harmonic,
+    /// Harmonic field while ten of its constraints move: edit and solve
+    HarmonicEdit,
     /// Whole frames: a moving template drives the mesh (harmonic rotations, then L x = U)
     Transfer,
     /// L x = U with the right-hand side of a transfer frame
@@ -36,8 +38,9 @@ pub enum Workload {
 
 impl Workload {
     /// All workloads.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Harmonic,
+        Self::HarmonicEdit,
         Self::Transfer,
         Self::Poisson,
         Self::Screened,
@@ -55,6 +58,7 @@ impl Workload {
     pub fn name(self) -> &'static str {
         match self {
             Workload::Harmonic => "harmonic",
+            Workload::HarmonicEdit => "harmonic-edit",
             Workload::Transfer => "transfer",
             Workload::Poisson => "poisson",
             Workload::Screened => "screened",

@@ -15,6 +15,9 @@ pub const DEFAULT_CONSTRAINTS: usize = 50;
 /// Constraints that `harmonic-edit` moves in one step.
 pub const EDITED_CONSTRAINTS: usize = 10;
 
+/// Vertices that `harmonic-edit` goes round: after 20 steps it is back at the default set.
+pub const EDIT_SEQUENCE: usize = 200;
+
 /// Columns of the default values: the components of a quaternion.
 pub const COLUMNS: usize = 4;
 
@@ -70,6 +73,11 @@ impl Constraints {
     /// the sequence leave and as many new ones come. The sequence is cyclic.
     pub fn edited_set(&self, step: usize) -> Vec<u32> {
         self.window(step * EDITED_CONSTRAINTS, DEFAULT_CONSTRAINTS)
+    }
+
+    /// Steps after which [`edited_set`](Self::edited_set) is the default set again.
+    pub fn edit_period(&self) -> usize {
+        (1..).find(|step| step * EDITED_CONSTRAINTS % self.sequence.len().max(1) == 0).unwrap_or(1)
     }
 
     fn window(&self, first: usize, count: usize) -> Vec<u32> {
@@ -155,6 +163,8 @@ mod tests {
     fn an_edit_moves_ten_constraints() {
         let mesh = strips(5);
         let constraints = sample(&mesh, 100);
+        assert_eq!(constraints.edit_period(), 10);
+        assert_eq!(constraints.edited_set(10), constraints.default_set());
         let (before, after) = (constraints.edited_set(0), constraints.edited_set(1));
         assert_eq!(before, constraints.default_set());
         let (add, remove) = difference(&before, &after);

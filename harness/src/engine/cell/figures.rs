@@ -31,6 +31,9 @@ impl Running<'_> {
     }
 
     fn traffic(&self, median: Option<u64>) -> Bandwidth {
+        if matches!(&self.task.goal, Goal::Solve(solve) if solve.edits.is_some()) {
+            return Bandwidth::default(); // an edit reads what a solve does not
+        }
         let iterations = if self.iterative { self.cell.iterations.map(u64::from) } else { Some(1) };
         let bytes = self.bytes.zip(iterations).map(|(bytes, times)| bytes.saturating_mul(times));
         let rate = bytes.zip(median).filter(|&(_, ns)| ns > 0).map(|(bytes, ns)| bytes as f64 / ns as f64);

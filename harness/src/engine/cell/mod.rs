@@ -10,6 +10,7 @@
 //! ```
 
 mod columns;
+mod edits;
 mod figures;
 mod frames;
 mod ledger;
@@ -23,7 +24,8 @@ use super::session::{Failure, Session};
 use super::settings::Settings;
 use super::solver::Solver;
 use super::source::Source;
-use super::task::{Edit, Goal, Task};
+use super::task::edits::FirstEdit;
+use super::task::{Goal, Task};
 use crate::record::names::Status;
 use crate::record::result::{Cell, Phases, SetUp};
 use crate::statistics::percentiles;
@@ -166,7 +168,10 @@ impl<'a> Running<'a> {
         // Other processes had the caches in the meantime; where there is time, a repetition warms them up again.
         let warmup = u32::from(2 * expected <= slice);
         let outcome = match &task.goal {
-            Goal::Solve(solve) => self.steady_solves(solve, warmup, times),
+            Goal::Solve(solve) => match &solve.edits {
+                Some(edits) => self.steady_edits(solve, edits, slice),
+                None => self.steady_solves(solve, warmup, times),
+            },
             Goal::Frames(frames) => self.steady_frames(frames, warmup, times),
         };
         watch.end(&mut self.cell.contention);
@@ -184,7 +189,7 @@ impl<'a> Running<'a> {
     }
 
     /// Other constraints and back again for about `time`, at least once; as [`change_values`](Self::change_values).
-    pub fn change_constraints(&mut self, edit: &Edit, time: Duration) {
+    pub fn change_constraints(&mut self, edit: &FirstEdit, time: Duration) {
         let task = self.task;
         if let (true, Goal::Solve(solve)) = (self.is_live(), &task.goal) {
             let outcome = self.edits(solve, edit, time);
@@ -225,11 +230,14 @@ impl<'a> Running<'a> {
         if self.is_live() {
             let task = self.task;
             let outcome = match &task.goal {
-                Goal::Solve(solve) => self
-                    .updates(solve)
-                    .and_then(|()| self.memory())
-                    .and_then(|()| self.convergence(solve))
-                    .and_then(|()| self.open_loops(&solve.input)),
+                Goal::Solve(solve) => match &solve.edits {
+                    Some(edits) => self.last_edits(solve, edits).and_then(|()| self.memory()),
+                    None => self
+                        .updates(solve)
+                        .and_then(|()| self.memory())
+                        .and_then(|()| self.convergence(solve))
+                        .and_then(|()| self.open_loops(&solve.input)),
+                },
                 Goal::Frames(frames) => self.last_frames(frames),
             };
             self.settle(outcome.and_then(|()| self.ledger.judge()));

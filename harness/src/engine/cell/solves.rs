@@ -6,7 +6,8 @@ use crate::engine::array_file::ArrayFile;
 use crate::engine::equations::Equations;
 use crate::engine::protocol::{Iterated, Request, Timed};
 use crate::engine::session::Failure;
-use crate::engine::task::{Edit, Solve};
+use crate::engine::task::Solve;
+use crate::engine::task::edits::FirstEdit;
 use crate::record::names::Status;
 use crate::record::result::{Convergence, Summary};
 use std::time::{Duration, Instant};
@@ -27,18 +28,18 @@ impl Running<'_> {
         self.check_solution(solve)
     }
 
-    fn solve(&mut self, input: &ArrayFile, warmup: u32, times: u32) -> Result<Timed, Failure> {
+    pub(super) fn solve(&mut self, input: &ArrayFile, warmup: u32, times: u32) -> Result<Timed, Failure> {
         let _ = std::fs::remove_file(&self.solution); // an old answer must not pass for a new one
         let (rhs, solution) = (input.clone(), self.solution.clone());
         let request = Request::Solve { rhs, warmup, times, solution };
         self.timed(request, times)
     }
 
-    fn read_solution(&self, solve: &Solve) -> Result<Vec<f64>, Failure> {
+    pub(super) fn read_solution(&self, solve: &Solve) -> Result<Vec<f64>, Failure> {
         read_block(&self.solution, solve.check.rows(), solve.check.columns())
     }
 
-    fn check_solution(&mut self, solve: &Solve) -> Result<(), Failure> {
+    pub(super) fn check_solution(&mut self, solve: &Solve) -> Result<(), Failure> {
         let x = self.read_solution(solve)?;
         if same_bits(&x, &self.verified) {
             return Ok(());
@@ -77,16 +78,18 @@ impl Running<'_> {
     }
 
     /// Other constraints and back again, at least once and for about `time`; checked as [`updates_for`](Self::updates_for).
-    pub(super) fn edits(&mut self, solve: &Solve, edit: &Edit, time: Duration) -> Result<(), Failure> {
+    pub(super) fn edits(&mut self, solve: &Solve, first: &FirstEdit, time: Duration) -> Result<(), Failure> {
         let begin = Instant::now();
         while self.changes.is_empty() || begin.elapsed() < time {
-            for (add, remove) in [(&edit.add, &edit.remove), (&edit.remove, &edit.add)] {
+            for (add, remove) in
+                [(&first.edit.add, &first.edit.remove), (&first.edit.remove, &first.edit.add)]
+            {
                 let request = Request::Edit { add: add.clone(), remove: remove.clone() };
                 if !self.change("edit", request)? {
                     return Ok(());
                 }
                 if self.changes.len() == 1 {
-                    self.check_changed(solve, &edit.equations, &edit.input)?;
+                    self.check_changed(solve, &first.equations, &first.edit.input)?;
                 }
             }
         }

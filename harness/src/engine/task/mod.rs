@@ -1,5 +1,6 @@
 //! A workload on a source: equations, reference, and the files that children read. Made once, for all cells.
 
+pub mod edits;
 pub mod frames;
 pub mod pipeline;
 pub mod skinning;
@@ -18,6 +19,7 @@ use crate::mesh_io::{npy, table};
 use crate::record::names::{Precision, Status};
 use crate::verify::reference::Trusted;
 use anyhow::{Context, anyhow};
+use edits::Edits;
 use frames::FrameCheck;
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
@@ -66,6 +68,8 @@ pub struct Solve {
     pub input: ArrayFile,
     /// Other values on the same pattern, to be refactored; none where the workload has no such values.
     pub update: Option<Update>,
+    /// How the constraints move, in `harmonic-edit`.
+    pub edits: Option<Edits>,
 }
 
 /// Frames of `transfer`.
@@ -88,55 +92,6 @@ pub struct Update {
     pub new: ArrayFile,
     /// The original ones, to return to.
     pub original: ArrayFile,
-}
-
-/// Other constraints of `harmonic`.
-#[derive(Debug)]
-pub struct Edit {
-    /// The equations with the other constraints.
-    pub equations: Equations,
-    /// Vertices that become constrained.
-    pub add: ArrayFile,
-    /// Vertices that become free.
-    pub remove: ArrayFile,
-    /// Values at the other constraints.
-    pub input: ArrayFile,
-}
-
-impl Edit {
-    /// One step of `harmonic-edit` on `mesh`, for a task with the default constraints: ten of them move. None for other
-    /// workloads, and where the mesh is too small to have other vertices.
-    ///
-    /// # Errors
-    /// A full disk.
-    pub fn of(task: &Task, mesh: &TriangleMesh) -> anyhow::Result<Option<Self>> {
-        let Goal::Solve(solve) = &task.goal else { return Ok(None) };
-        let Judge::Equations(check) = &solve.check else { return Ok(None) };
-        let Equations::Harmonic { problem, positions, triangles, k, .. } = &check.equations else {
-            return Ok(None);
-        };
-        let count = harmonic::DEFAULT_CONSTRAINTS + harmonic::EDITED_CONSTRAINTS;
-        let fixed = harmonic::Constraints::sample(mesh, problem.laplacian(), count).edited_set(1);
-        let (add, remove) = harmonic::difference(problem.fixed(), &fixed);
-        if add.is_empty() || remove.is_empty() {
-            return Ok(None);
-        }
-        let g = matrix::default_solution(fixed.len(), *k);
-        let input = ArrayFile::write(&task.folder.join("edited.f64"), &g, *k)?;
-        let problem = Box::new(Dirichlet::new(problem.laplacian().clone(), Some(mesh.positions()), &fixed)?);
-        Ok(Some(Self {
-            equations: Equations::Harmonic {
-                problem,
-                positions: positions.clone(),
-                triangles: triangles.clone(),
-                g,
-                k: *k,
-            },
-            add: ArrayFile::write(&task.folder.join("added.u32"), &add, 1)?,
-            remove: ArrayFile::write(&task.folder.join("removed.u32"), &remove, 1)?,
-            input,
-        }))
-    }
 }
 
 impl Task {
@@ -170,7 +125,14 @@ impl Task {
         let begin = Instant::now();
         let equations = equations(workload, source, inputs, backends)?;
         let assemble_ns = begin.elapsed().as_nanos() as u64;
-        let updated = other_values(workload, source, inputs, backends, &equations);
+        let edits = match (workload, &source.content) {
+            (Workload::HarmonicEdit, Content::Mesh(mesh)) => Some(Edits::new(mesh, inputs)?),
+            _ => None,
+        };
+        let updated = match edits {
+            Some(_) => None, // the rows of `harmonic` have that
+            None => other_values(workload, source, inputs, backends, &equations),
+        };
         let (problem, input) = equations.write(&folder)?;
         let update = updated.map(|changed| Update::write(&folder, &equations, changed)).transpose()?;
         let scale = match (workload, &source.content) {
@@ -182,7 +144,7 @@ impl Task {
             eprintln!("{}: {workload}: no reference solution: {why}", source.record.name);
         }
         let check = Judge::Equations(check);
-        let goal = Goal::Solve(Box::new(Solve { check, input, update }));
+        let goal = Goal::Solve(Box::new(Solve { check, input, update, edits }));
         Ok(Self { workload, assemble_ns, problem, goal, folder })
     }
 
@@ -279,8 +241,9 @@ impl Update {
 
 fn forward_limit(workload: Workload) -> ForwardLimit {
     match workload {
-        Workload::Harmonic => |l| Some(l.harmonic),
+        Workload::Harmonic | Workload::HarmonicEdit => |l| Some(l.harmonic),
         Workload::Kharmonic2 | Workload::Kharmonic3 => |_| None,
+        Workload::Matrix => |l| l.matrix,
         _ => |l| Some(l.poisson),
     }
 }
@@ -297,7 +260,7 @@ pub fn equations(
 ) -> anyhow::Result<Equations> {
     match (workload, &source.content) {
         (Workload::Matrix, Content::Matrix(matrix)) => of_matrix(matrix, inputs),
-        (Workload::Harmonic, Content::Mesh(mesh)) => of_harmonic(mesh, inputs),
+        (Workload::Harmonic | Workload::HarmonicEdit, Content::Mesh(mesh)) => of_harmonic(mesh, inputs),
         (Workload::Poisson, Content::Mesh(mesh)) => of_poisson(mesh, inputs, backends),
         (Workload::Transfer, Content::Mesh(_)) => {
             Err(anyhow!("`transfer` is two systems; ask for `harmonic` or `poisson`"))
@@ -339,16 +302,21 @@ fn of_harmonic(mesh: &TriangleMesh, inputs: &Inputs) -> anyhow::Result<Equations
         None => {
             let constraints = harmonic::Constraints::sample(mesh, &laplacian, harmonic::DEFAULT_CONSTRAINTS);
             let fixed = constraints.default_set();
-            let (g, k) = match inputs.columns {
-                Some(k) => (matrix::default_solution(fixed.len(), k as usize), k as usize),
-                None => (harmonic::default_values(mesh, &fixed), harmonic::COLUMNS),
-            };
+            let (g, k) = default_values(mesh, &fixed, inputs);
             (fixed, g, k)
         }
     };
     let problem = Box::new(Dirichlet::new(laplacian, Some(mesh.positions()), &fixed)?);
     let positions = Some(mesh.positions().to_vec());
     Ok(Equations::Harmonic { problem, positions, triangles: Some(mesh.triangles().to_vec()), g, k })
+}
+
+/// Values of `harmonic` at the vertices `fixed`, and their number of columns.
+fn default_values(mesh: &TriangleMesh, fixed: &[u32], inputs: &Inputs) -> (Vec<f64>, usize) {
+    match inputs.columns {
+        Some(k) => (matrix::default_solution(fixed.len(), k as usize), k as usize),
+        None => (harmonic::default_values(mesh, fixed), harmonic::COLUMNS),
+    }
 }
 
 /// L x = U, grounded; U is that of the default motion's extreme frame unless given.

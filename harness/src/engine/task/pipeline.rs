@@ -100,7 +100,7 @@ pub fn task(
         eprintln!("{}: {workload}: no reference answer: {why}", source.record.name);
     }
     let check = Judge::Pipeline(pipeline);
-    let goal = Goal::Solve(Box::new(Solve { check, input, update: None }));
+    let goal = Goal::Solve(Box::new(Solve { check, input, update: None, edits: None }));
     Ok(Task { workload, assemble_ns, problem, goal, folder })
 }
 

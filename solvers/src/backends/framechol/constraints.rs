@@ -1,7 +1,8 @@
 //! The constrained vertices of a harmonic field, and the matrix that they leave.
 //!
 //! The pattern is that of the whole Laplacian, whatever is constrained: a constrained vertex becomes a *unit row*, its
-//! diagonal alone, so that sets of constraints share one symbolic factorisation.
+//! diagonal alone, so that sets of constraints share one symbolic factorisation. Matrix and coupling are those of the set
+//! at the last [`Constraints::refresh`], the *base*; edits since then change the set alone.
 use crate::dirichlet::{Dirichlet, components};
 use crate::error::EditError;
 use crate::sparse::SymmetricCsr;
@@ -24,9 +25,11 @@ pub struct Constraints {
     /// Lowest vertex of the component of every vertex.
     component: Vec<u32>,
     fixed: Vec<u32>,
-    /// Values of the matrix with unit rows, by stored entry of the Laplacian.
+    /// Constrained vertices of the base, ascending.
+    base: Vec<u32>,
+    /// Values of the base's matrix with unit rows, by stored entry of the Laplacian.
     values: Vec<f64>,
-    /// L_FC: (free vertex, row among the constraints, stored entry), sorted.
+    /// The base's L_FC: (free vertex, row among the constraints, stored entry), sorted.
     coupling: Vec<(u32, u32, u32)>,
     /// Row among the constraints of every constrained vertex; 0 for others.
     row: Vec<u32>,
@@ -42,7 +45,8 @@ impl Constraints {
         let component = components(&laplacian);
         let values = vec![0.0; laplacian.stored()];
         let (fixed, coupling, row) = (problem.fixed().to_vec(), Vec::new(), vec![0; laplacian.n()]);
-        let mut out = Self { laplacian, kind, component, fixed, values, coupling, row };
+        let base = fixed.clone();
+        let mut out = Self { laplacian, kind, component, fixed, base, values, coupling, row };
         out.refresh();
         out
     }
@@ -57,23 +61,28 @@ impl Constraints {
         &self.fixed
     }
 
-    /// Values of the matrix with unit rows, by stored entry of the Laplacian.
+    /// Constrained vertices of the base, ascending.
+    pub fn base(&self) -> &[u32] {
+        &self.base
+    }
+
+    /// Values of the base's matrix with unit rows, by stored entry of the Laplacian.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// L_FC: (free vertex, row among the constraints, stored entry of the Laplacian), sorted.
+    /// The base's L_FC: (free vertex, row among the base's constraints, stored entry of the Laplacian), sorted.
     pub fn coupling(&self) -> &[(u32, u32, u32)] {
         &self.coupling
     }
 
-    /// New values of the Laplacian. No allocation.
+    /// New values of the Laplacian; the set in force becomes the base. No allocation where it is that already.
     pub fn update_values(&mut self, values: &[f64]) {
         self.laplacian.values_mut().copy_from_slice(values);
         self.refresh();
     }
 
-    /// Removes and adds constrained vertices; the matrix follows. On an error nothing has changed.
+    /// Removes and adds constrained vertices; the base stays. On an error nothing has changed.
     pub fn edit(&mut self, add: &[u32], remove: &[u32]) -> Result<(), EditError> {
         let before = self.kind.clone();
         let outcome = self.change(add, remove);
@@ -82,7 +91,6 @@ impl Constraints {
         } else {
             self.fixed =
                 (0..self.kind.len() as u32).filter(|&v| self.kind[v as usize] == Kind::Fixed).collect();
-            self.refresh();
         }
         outcome
     }
@@ -108,8 +116,9 @@ impl Constraints {
         }
     }
 
-    /// Recomputes matrix values and coupling: one pass over the Laplacian.
-    fn refresh(&mut self) {
+    /// Makes the set in force the base: matrix values and coupling. One pass over the Laplacian.
+    pub fn refresh(&mut self) {
+        self.base.clone_from(&self.fixed);
         let n = self.kind.len();
         let largest = (0..n).map(|v| self.laplacian.diagonal(v)).fold(0.0, f64::max);
         self.fixed.iter().enumerate().for_each(|(row, &v)| self.row[v as usize] = row as u32);

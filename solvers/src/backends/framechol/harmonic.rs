@@ -3,8 +3,9 @@
 //! The forward sweep visits only panels on the paths from those rows to the root of the elimination tree (J. R. Gilbert
 //! and T. Peierls, "Sparse partial pivoting in time proportional to arithmetic operations", SIAM J. Sci. Stat. Comput. 9,
 //! 1988); the right-hand side is formed in place from the constraint values, and the solution goes straight to the
-//! vertices. Constrained vertices are unit rows of one fixed pattern, so editing them costs a numeric factorisation and
-//! no ordering or analysis.
+//! vertices. A few edited vertices border the factor at hand ([`super::bordered`]); when they become many, the set is
+//! factored anew: constrained vertices are unit rows of one fixed pattern, so that needs no ordering and no analysis.
+use super::bordered::{Base, Border};
 use super::constraints::Constraints;
 use super::gather::{Group, Output, Source};
 use super::method::Method;
@@ -27,6 +28,8 @@ pub struct HarmonicField<M> {
     position: Vec<u32>,
     coupling: Coupling,
     reach: Reach,
+    /// Edits since the last factorisation.
+    border: Border,
 }
 
 /// L_FC by elimination position.
@@ -39,9 +42,13 @@ struct Coupling {
 }
 
 impl Coupling {
+    /// Of the base's entries those whose constraint is still in force, by its row in the set in force.
     fn new(constraints: &Constraints, position: &[u32]) -> Self {
-        let coupling =
-            constraints.coupling().iter().map(|&(v, row, entry)| (position[v as usize], row, entry));
+        let row_now = |row: u32| constraints.fixed().binary_search(&constraints.base()[row as usize]).ok();
+        let coupling = constraints
+            .coupling()
+            .iter()
+            .filter_map(|&(v, row, entry)| row_now(row).map(|row| (position[v as usize], row as u32, entry)));
         let mut entries: Vec<_> = coupling.collect();
         entries.sort_unstable();
         let mut out = Self { weights: vec![0.0; entries.len()], entries };
@@ -58,10 +65,11 @@ impl Coupling {
 
 impl<M: Method> HarmonicField<M> {
     /// Wraps `method`, which has factored `constraints.values()` with the vertices eliminated in `order`.
-    pub fn new(constraints: Constraints, method: M, order: Arc<[u32]>) -> Self {
+    pub fn new(constraints: Constraints, method: M, order: Arc<[u32]>, max_columns: usize) -> Self {
         let position = inverse(&order);
         let reach = Reach { panels: Vec::new(), skipped_bytes: 0 };
-        let mut field = Self { method, constraints, order, position, coupling: Coupling::default(), reach };
+        let (coupling, border) = (Coupling::default(), Border::new(max_columns));
+        let mut field = Self { method, constraints, order, position, coupling, reach, border };
         field.couple();
         field
     }
@@ -70,6 +78,45 @@ impl<M: Method> HarmonicField<M> {
     fn couple(&mut self) {
         self.coupling = Coupling::new(&self.constraints, &self.position);
         self.reach = self.method.reach(self.coupling.entries.iter().map(|e| e.0));
+    }
+
+    /// Factors the set in force, which becomes the base.
+    fn rebase(&mut self) -> Result<(), PrepareError> {
+        self.border.clear();
+        self.constraints.refresh();
+        self.method.factorise(self.constraints.values())?;
+        self.couple();
+        Ok(())
+    }
+
+    /// Borders the base's factor for the set in force; false where that does not do.
+    fn extend_border(&mut self) -> bool {
+        let Self { method, constraints, order, position, border, .. } = self;
+        let laplacian = constraints.laplacian();
+        let mut base = Base { method, laplacian, order, position, fixed: constraints.base() };
+        border.reach(&mut base, constraints.fixed())
+    }
+
+    /// Writes g at the constraints in force, and turns the base's field into that of the edited set. Returns whether all
+    /// went well.
+    fn finish(&mut self, g: Columns<&[f64]>, field: &mut Columns<&mut [f64]>) -> bool {
+        let Self { method, constraints, border, .. } = self;
+        let (fixed, base) = (constraints.fixed(), constraints.base());
+        for (row, v) in fixed.iter().enumerate() {
+            if border.is_empty() || base.binary_search(v).is_ok() {
+                field.row_mut(*v as usize).copy_from_slice(g.row(row));
+            }
+        }
+        if border.is_empty() {
+            return true;
+        }
+        let (values, k) = (g.slice(), g.k());
+        let value = |v: u32| {
+            let row = fixed.binary_search(&v).expect("an added vertex is constrained");
+            &values[row * k..(row + 1) * k]
+        };
+        let (team, isa) = method.team();
+        border.correct(team, isa, field, value)
     }
 }
 
@@ -84,40 +131,48 @@ impl<M: Method> Harmonic for HarmonicField<M> {
         assert_eq!(field.n(), self.order.len(), "field: one row per vertex");
         let source = Boundary { coupling: &self.coupling, reach: &self.reach, constraints };
         let answer = self.method.solve(&source, &self.order, &Output::new(&mut field), k);
-        for (row, &v) in fixed.iter().enumerate() {
-            field.row_mut(v as usize).copy_from_slice(constraints.row(row));
-        }
-        match field.data().iter().position(|v| !v.is_finite()) {
-            Some(at) if !answer.finite => Err(SolveError::NonFinite { row: at / k }),
-            _ => Ok(Solved { iterations: answer.pairs, ..Solved::default() }),
+        let finite = self.finish(constraints, &mut field) && answer.finite;
+        let bad = || field.data().iter().position(|v| !v.is_finite());
+        match if finite { None } else { bad() } {
+            Some(at) => Err(SolveError::NonFinite { row: at / k }),
+            None => Ok(Solved { iterations: answer.pairs, ..Solved::default() }),
         }
     }
 
     fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
         on(Phase::Numeric);
         self.constraints.update_values(values);
+        if !self.border.is_empty() {
+            return self.rebase();
+        }
         self.coupling.update(values);
         self.method.factorise(self.constraints.values())
     }
 
-    /// One numeric factorisation on the pattern at hand.
+    /// Up to [`MOST_COLUMNS`](super::bordered::MOST_COLUMNS) vertices since the last factorisation: one solve for every four
+    /// new ones. Beyond that one numeric factorisation on the pattern at hand.
     fn edit_constraints(&mut self, add: &[u32], remove: &[u32]) -> Result<(), EditError> {
         self.constraints.edit(add, remove)?;
-        if let Err(error) = self.method.factorise(self.constraints.values()) {
+        if self.extend_border() {
+            self.couple();
+            return Ok(());
+        }
+        if let Err(error) = self.rebase() {
             self.constraints.edit(remove, add)?;
-            self.method.factorise(self.constraints.values())?;
+            self.rebase()?;
             return Err(error.into());
         }
-        self.couple();
         Ok(())
     }
 
     fn footprint(&self) -> Footprint {
         let laplacian = self.constraints.laplacian();
         let own = 12 * laplacian.n() + 20 * laplacian.stored() + 20 * self.coupling.entries.len();
+        let border = self.border.bytes();
         let mut footprint = self.method.footprint();
-        footprint.host_bytes = footprint.host_bytes.map(|bytes| bytes + own as u64);
-        footprint.bytes_per_solve = footprint.bytes_per_solve.map(|bytes| bytes - self.reach.skipped_bytes);
+        footprint.host_bytes = footprint.host_bytes.map(|bytes| bytes + own as u64 + border);
+        footprint.bytes_per_solve =
+            footprint.bytes_per_solve.map(|bytes| bytes - self.reach.skipped_bytes + border);
         footprint
     }
 }

@@ -8,6 +8,7 @@ use crate::error::PrepareError;
 use crate::isa::Isa;
 use crate::lanes::Lanes;
 use crate::sparse::SymmetricCsr;
+use crate::team::Team;
 
 /// What a method is made from.
 pub struct Plan<'a> {
@@ -52,6 +53,9 @@ pub trait Method: Send + Sized + 'static {
 
     /// The panels that a right-hand side with these non-zero positions reaches in the forward sweep.
     fn reach(&self, positions: impl Iterator<Item = u32>) -> Reach;
+
+    /// The threads of a frame and their instruction set, for what is done to a solution afterwards.
+    fn team(&mut self) -> (&mut Team, Isa);
 }
 
 /// How a solve went.
@@ -105,5 +109,9 @@ impl<T: Lanes> Method for Single<T> {
 
     fn reach(&self, positions: impl Iterator<Item = u32>) -> Reach {
         self.engine.reach(positions)
+    }
+
+    fn team(&mut self) -> (&mut Team, Isa) {
+        (&mut self.engine.team, self.engine.isa)
     }
 }

@@ -4,11 +4,13 @@
 //! graph -> order -> supernodes -> tasks -> symbolic -> numeric (fronts) -> panels -> sweeps, frame after frame
 //! ```
 //! `DESIGN.md` of this crate has the layout of the factor, the task graph, the precisions, and what did not pay.
+mod bordered;
 pub(super) mod constraints;
 pub(super) mod engine;
 pub(super) mod front;
 pub(super) mod gather;
 mod harmonic;
+mod lu;
 mod method;
 pub(super) mod numeric;
 mod panels;
@@ -41,17 +43,17 @@ use symbolic::Symbolic;
 
 /// Opens `framechol-f64`: stored and swept in f64.
 pub fn open_f64(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<Single<f64>>::new(options)))
+    Ok(Box::new(FrameChol::<Single<f64>>::new(options)?))
 }
 
 /// Opens `framechol-f32`: factored in f64, stored and swept in f32.
 pub fn open_f32(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<Single<f32>>::new(options)))
+    Ok(Box::new(FrameChol::<Single<f32>>::new(options)?))
 }
 
 /// Opens `framechol-mixed`: stored and swept in f32, refined with residuals in f64.
 pub fn open_mixed(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<Refined>::new(options)))
+    Ok(Box::new(FrameChol::<Refined>::new(options)?))
 }
 
 /// Sweep cost in entries from which a second thread pays. Waking a parked thread takes some 50 microseconds at the start
@@ -66,13 +68,13 @@ struct FrameChol<M> {
 }
 
 impl<M: Method> FrameChol<M> {
-    fn new(options: &OpenOptions<'_>) -> Self {
-        Self {
-            isa: Isa::best(),
+    fn new(options: &OpenOptions<'_>) -> Result<Self, Unavailable> {
+        Ok(Self {
+            isa: Isa::from_environment()?,
             threads: options.threads,
             least_parallel: LEAST_PARALLEL,
             method: PhantomData,
-        }
+        })
     }
 
     /// Orders, analyses and factors a matrix of the pattern of `matrix` with these values. Returns the method and the
@@ -143,7 +145,7 @@ impl<M: Method> Backend for FrameChol<M> {
         let (method, order) = self
             .factorise(constraints.laplacian(), constraints.values(), &options, on)
             .map_err(|error| in_rows_of(problem, error))?;
-        Ok(Box::new(HarmonicField::new(constraints, method, order)))
+        Ok(Box::new(HarmonicField::new(constraints, method, order, options.max_columns)))
     }
 }
 

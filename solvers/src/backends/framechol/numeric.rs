@@ -7,6 +7,7 @@
 use super::front::{BLOCK, FrontShape, factor_panel, update_block, update_rest};
 use super::panels::STRIP;
 use super::symbolic::Part;
+use crate::aligned::zeros;
 use crate::isa::{Features, Kernel};
 
 /// Memory of one thread's factorisation.
@@ -88,9 +89,9 @@ impl Workspace {
         let shapes = || (0..part.len()).map(|s| part.shape(s));
         let Stack { place, peak, depth } = stack(part);
         Self {
-            panel: vec![0.0; shapes().map(|f| f.panel_len()).max().unwrap_or(0)],
-            update: vec![0.0; shapes().map(|f| f.update_len()).max().unwrap_or(0)],
-            stack: vec![0.0; peak],
+            panel: zeros(shapes().map(|f| f.panel_len()).max().unwrap_or(0)),
+            update: zeros(shapes().map(|f| f.update_len()).max().unwrap_or(0)),
+            stack: zeros(peak),
             place,
             waiting: Vec::with_capacity(depth),
             slot: vec![0; part.slab as usize],

@@ -13,6 +13,7 @@
 use super::front::{BLOCK, FrontShape, invert_pivots, multiply_by_inverse, update_block};
 use super::numeric::Store;
 use super::symbolic::Part;
+use crate::aligned::zeros;
 use crate::isa::{Features, Real};
 
 /// Most pivots of a panel. Wider ones read no fewer bytes, cost width^3 to invert, and lose accuracy when stored in f32.
@@ -103,7 +104,7 @@ impl<T: Real> Panels<T> {
             }
             starts.push(list.len() as u32);
         }
-        let (values, diagonal) = (vec![T::default(); values], vec![T::default(); diagonal]);
+        let (values, diagonal) = (zeros(values), zeros(diagonal));
         Self { list, rows, values, diagonal, starts }
     }
 

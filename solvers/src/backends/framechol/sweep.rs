@@ -10,8 +10,18 @@
 //! pivot: one load (and in the backward sweep one store) of K numbers from the first cache.
 use super::front::{BLOCK, update_block};
 use super::panels::{Panel, Panels, STRIP};
-use crate::isa::{Features, Kernel};
+use crate::isa::{Features, Kernel, prefetch};
 use crate::lanes::{Shape, Vector};
+
+/// How far before their use entries of M are asked for, in bytes. One core keeps more lines on their way from memory into
+/// the second-level cache than its own loads can wait for; hardware prefetchers lose the stream at every panel's end in the
+/// backward sweep, which goes down through memory.
+const AHEAD: isize = 4096;
+
+/// [`AHEAD`] in numbers.
+const fn ahead<T>() -> isize {
+    AHEAD / size_of::<T>() as isize
+}
 
 /// The forward sweep over all panels.
 pub struct Forward<'a, S: Shape> {
@@ -120,6 +130,7 @@ fn subtract_product<V: Vector, const R: usize>(
 ) {
     let mut sum = load_rows::<V, R>(rows, base, rest);
     for (m, y) in m.as_chunks::<R>().0.iter().zip(y) {
+        prefetch(&m[0], ahead::<V::T>());
         let y = V::load(y);
         for i in 0..R {
             sum[i] = sum[i].sub_scaled(m[i], y);
@@ -214,12 +225,13 @@ fn backward<V: Vector>(panels: &Panels<V::T>, panel: &Panel, work: &mut [V::Row]
     let base = (first + width) as u32;
     let (blocks, tail) = panels.rows[panel.rows()].as_chunks::<BLOCK>();
     let (m, tail_m) = panels.values[panel.values()].split_at(blocks.len() * BLOCK * width);
-    for (rows, m) in blocks.iter().zip(m.chunks_exact(BLOCK * width)) {
-        subtract_transposed::<V, BLOCK>(rows, m, own, base, rest);
-    }
+    // The last block first: panels and blocks then come in one descending stream.
     with_length!(tail.len(), R, {
         subtract_transposed::<V, R>(tail.first_chunk().expect("R rows"), tail_m, own, base, rest);
     });
+    for (rows, m) in blocks.iter().zip(m.chunks_exact(BLOCK * width)).rev() {
+        subtract_transposed::<V, BLOCK>(rows, m, own, base, rest);
+    }
 }
 
 /// x -= M^T y_rows for one block of R rows. Two sums per pivot halve the chain of dependent additions.
@@ -233,6 +245,7 @@ fn subtract_transposed<V: Vector, const R: usize>(
 ) {
     let y = load_rows::<V, R>(rows, base, rest);
     for (m, x) in m.as_chunks::<R>().0.iter().zip(x) {
+        prefetch(&m[0], -ahead::<V::T>());
         let mut sums = [V::load(x), V::zero()];
         for i in 0..R {
             sums[i % 2] = sums[i % 2].sub_scaled(m[i], y[i]);
