@@ -6,6 +6,7 @@
 pub mod compare;
 pub mod completions;
 pub mod doctor;
+pub mod gate;
 pub mod list;
 pub mod matrix;
 pub mod output;
@@ -44,6 +45,7 @@ enum Command {
     Matrix(matrix::Args),
     Render(render::Args),
     Compare(compare::Args),
+    Gate(Box<gate::Args>),
     List(list::Args),
     Doctor(doctor::Args),
     Schema(schema::Args),
@@ -107,6 +109,7 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Matrix(args) => matrix::run(&args, context),
         Command::Render(args) => render::run(&args),
         Command::Compare(args) => compare::run(&args),
+        Command::Gate(args) => gate::run(&args, context),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),
         Command::Peer(args) => peer::run(&args, context),

@@ -1,7 +1,7 @@
 //! A prepared problem in the child, and the timed repetitions on it.
 
 use super::clock::{PhaseClock, nanoseconds};
-use super::{failed, open_loop, read_rows};
+use super::{failed, inject, open_loop, read_rows};
 use crate::engine::allocation;
 use crate::engine::array_file::{ArrayFile, Number};
 use crate::engine::protocol::{MatrixFiles, MeshFiles, Problem, Refusal, Timed, Trace};
@@ -47,7 +47,9 @@ impl Prepared {
                 let system = System::new(read_matrix(matrix)?, read_points(positions.as_ref())?)
                     .map_err(|e| failed(e.to_string()))?;
                 clock.restart();
+                let start = Instant::now();
                 let factor = backend.prepare(&system, &options, &mut |phase| clock.begin(phase))?;
+                inject::delay("setup", start);
                 clock.stop();
                 let n = system.n();
                 Ok(Self { handle: Handle::System(factor), inputs: n, outputs: n, max_columns })
@@ -58,8 +60,10 @@ impl Prepared {
                     Dirichlet::new(read_matrix(laplacian)?, positions.as_deref(), &fixed.read::<u32>()?)
                         .map_err(|e| failed(e.to_string()))?;
                 clock.restart();
+                let start = Instant::now();
                 let harmonic =
                     backend.prepare_harmonic(&problem, &options, &mut |phase| clock.begin(phase))?;
+                inject::delay("setup", start);
                 clock.stop();
                 let (inputs, outputs) = (problem.fixed().len(), laplacian.n);
                 Ok(Self { handle: Handle::Harmonic(harmonic), inputs, outputs, max_columns })
@@ -72,11 +76,13 @@ impl Prepared {
                 let problem = TransferProblem::new(&template, target, &pairs, Weights::Plain)
                     .map_err(|e| failed(e.to_string()))?;
                 clock.restart();
+                let start = Instant::now();
                 let frames = transfer::prepare(backend, &problem, &options, &mut |phase| clock.begin(phase))
                     .map_err(|error| match error {
                         TransferError::Prepare(error) => error.into(),
                         other => failed(other.to_string()),
                     })?;
+                inject::delay("setup", start);
                 clock.stop();
                 Ok(Self { handle: Handle::Transfer(frames), inputs, outputs, max_columns })
             }
@@ -93,6 +99,7 @@ impl Prepared {
             Handle::Harmonic(harmonic) => harmonic.solve(rhs, x),
             Handle::Transfer(_) => return Err(failed("a transfer problem has frames, not solves")),
         };
+        inject::delay("solve", start);
         let elapsed = start.elapsed();
         Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
     }
@@ -156,6 +163,7 @@ impl Prepared {
             let before = allocation::count();
             let start = Instant::now();
             let solved = handle.frame(pose, &mut target);
+            inject::delay("frame", start);
             let elapsed = start.elapsed();
             Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
         };
