@@ -84,6 +84,36 @@ pub struct Info {
     pub steal: Option<f64>,
 }
 
+/// How a program was built.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct BuildRecord {
+    /// Commit, "-dirty" with local changes.
+    pub commit: Option<String>,
+    /// Compiler.
+    pub rustc: Option<String>,
+    /// Compiler flags beyond the defaults.
+    pub rustflags: Option<String>,
+    /// "release" or "debug".
+    pub profile: Option<String>,
+    /// What it was compiled for.
+    pub target: Option<String>,
+}
+
+impl BuildRecord {
+    /// Of this program.
+    pub fn of_this_program() -> Self {
+        let value = |value: &'static str| (!value.is_empty()).then(|| value.to_owned());
+        Self {
+            commit: value(env!("LAPBENCH_COMMIT")),
+            rustc: value(env!("LAPBENCH_RUSTC")),
+            rustflags: value(env!("LAPBENCH_RUSTFLAGS")),
+            profile: value(env!("LAPBENCH_PROFILE")),
+            target: value(env!("LAPBENCH_TARGET")),
+        }
+    }
+}
+
 impl Environment {
     /// Looks at this machine, now.
     pub fn read() -> Self {
@@ -99,7 +129,7 @@ impl Environment {
 
 impl Fingerprint {
     fn read(root: &Root, cpuinfo: &str) -> Self {
-        let build = |value: &'static str| (!value.is_empty()).then(|| value.to_owned());
+        let build = BuildRecord::of_this_program();
         Self {
             cpu: field(cpuinfo, "model name").or_else(|| field(cpuinfo, "CPU part")),
             physical_cores: physical_cores(cpuinfo),
@@ -108,9 +138,9 @@ impl Fingerprint {
             instruction_sets: instruction_sets(cpuinfo),
             os: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             kernel: root.text("proc/sys/kernel/osrelease").as_deref().and_then(major_minor),
-            rustc: build(env!("LAPBENCH_RUSTC")),
-            rustflags: build(env!("LAPBENCH_RUSTFLAGS")),
-            profile: build(env!("LAPBENCH_PROFILE")),
+            rustc: build.rustc,
+            rustflags: build.rustflags,
+            profile: build.profile,
             dependencies_sha256: hexadecimal(&Sha256::digest(include_bytes!("../../Cargo.lock"))),
             gpus: gpus(root),
         }
@@ -136,7 +166,7 @@ impl Info {
         Self {
             time: timestamp(SystemTime::now()),
             program: env!("CARGO_PKG_VERSION").to_owned(),
-            commit: Some(env!("LAPBENCH_COMMIT").to_owned()).filter(|c| !c.is_empty()),
+            commit: BuildRecord::of_this_program().commit,
             memory_bytes: crate::process::kilobytes(&memory, "MemTotal"),
             available_bytes: crate::process::kilobytes(&memory, "MemAvailable"),
             governor: root.text("sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),

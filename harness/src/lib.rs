@@ -16,6 +16,7 @@ pub mod engine;
 pub mod environment;
 pub mod exit;
 pub mod file;
+pub mod gate;
 pub mod mesh_io;
 pub mod mesh_source;
 pub mod peers;

@@ -325,6 +325,8 @@ pub struct Footprint {
     pub bytes_per_solve: Option<u64>,
     /// Floating-point operations of the numeric factorisation.
     pub factor_flops: Option<u64>,
+    /// Programs started on a device in one solve or frame.
+    pub dispatches: Option<u64>,
     /// Name of the ordering that ran.
     pub ordering: Option<&'static str>,
 }

@@ -20,7 +20,6 @@ mod loft;
 mod order;
 mod polygonise;
 pub mod pose;
-mod random;
 mod remesh;
 mod skeleton;
 mod surface;

@@ -1,7 +1,7 @@
 //! A first mesh of an implicit surface: marching tetrahedra (Doi and Koide 1991) on a jittered lattice.
 
-use super::random::Random;
 use super::surface::Surface;
+use crate::statistics::random::Random;
 use crate::vector::{Vector, lerp};
 use rayon::prelude::*;
 

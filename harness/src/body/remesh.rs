@@ -2,8 +2,8 @@
 //! collapsed in rounds, each followed by Delaunay flips and relaxation along the surface.
 
 use super::half_edges::{HalfEdge, HalfEdges, next, previous};
-use super::random::Random;
 use super::surface::Surface;
+use crate::statistics::random::Random;
 use crate::vector::{Vector, add, add_scaled, area_normal, dot, norm, normalize, scale, sub};
 use rayon::prelude::*;
 

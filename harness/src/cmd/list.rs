@@ -3,6 +3,7 @@
 use super::output::{self, Format};
 use super::{Context, Outcome};
 use crate::engine::workload::Workload;
+use crate::environment::BuildRecord;
 use crate::exit::Exit;
 use crate::peers::{self, Peer};
 use crate::record::names::{Family, Precision};
@@ -26,6 +27,7 @@ struct Inventory {
     workloads: Vec<NamedRow>,
     meshes: Vec<NamedRow>,
     peers: Vec<PeerRow>,
+    build: BuildRecord,
 }
 
 /// A name and what it stands for.
@@ -89,6 +91,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         workloads: Workload::ALL.iter().map(workload).collect(),
         meshes: SHAPES.iter().map(mesh).collect(),
         peers: peers::catalogue().iter().map(PeerRow::of).collect(),
+        build: BuildRecord::of_this_program(),
     };
     output::print(&match args.format {
         Format::Json => serde_json::to_string_pretty(&inventory)?,

@@ -9,6 +9,7 @@ pub mod compare;
 pub mod completions;
 pub mod cost_model;
 pub mod doctor;
+pub mod gate;
 pub mod kharmonic;
 pub mod list;
 pub mod matrix;
@@ -58,6 +59,7 @@ enum Command {
     Trend(trend::Args),
     Choose(Box<choose::Args>),
     CostModel(cost_model::Args),
+    Gate(Box<gate::Args>),
     List(list::Args),
     Doctor(doctor::Args),
     Schema(schema::Args),
@@ -128,6 +130,7 @@ fn dispatch(command: Command, context: &Context) -> Outcome {
         Command::Trend(args) => trend::run(&args),
         Command::Choose(args) => choose::run(&args, context),
         Command::CostModel(args) => cost_model::run(&args, context),
+        Command::Gate(args) => gate::run(&args, context),
         Command::Doctor(args) => doctor::run(&args, context),
         Command::Schema(args) => schema::run(&args),
         Command::Peer(args) => peer::run(&args, context),

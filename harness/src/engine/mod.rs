@@ -15,7 +15,6 @@ pub mod protocol;
 pub mod rounds;
 pub mod session;
 pub mod settings;
-pub mod shuffle;
 pub mod single;
 pub mod solver;
 pub mod source;

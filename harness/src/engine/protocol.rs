@@ -289,6 +289,9 @@ pub struct Memory {
     /// Flops of the numeric factorisation.
     #[serde(default)]
     pub factor_flops: Option<u64>,
+    /// Programs started on a device in one solve or frame.
+    #[serde(default)]
+    pub dispatches: Option<u64>,
     /// Ordering that ran.
     #[serde(default)]
     pub ordering: Option<String>,

@@ -5,9 +5,9 @@
 
 use super::cell::Running;
 use super::settings::Settings;
-use super::shuffle::Random;
 use crate::process;
 use crate::record::result::Cell;
+use crate::statistics::random::Random;
 use std::collections::VecDeque;
 
 /// What a run hears about its cells.

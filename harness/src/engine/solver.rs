@@ -6,6 +6,7 @@ use crate::process;
 use crate::record::names::{Division, Status};
 use anyhow::Context;
 use lapsolve::registry::Entry;
+use std::path::PathBuf;
 use std::process::Command;
 
 /// A solver to measure.
@@ -15,6 +16,17 @@ pub enum Solver {
     BuiltIn(Entry),
     /// Another program that speaks the protocol.
     Foreign(Peer),
+    /// A backend of another build of this program.
+    Build(Build),
+}
+
+/// A backend of another build of this program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Build {
+    /// The backend.
+    pub id: String,
+    /// The program.
+    pub program: PathBuf,
 }
 
 /// A foreign solver: one of the catalogue by its name, or any program as `NAME=COMMAND`.
@@ -78,13 +90,14 @@ impl Solver {
         match self {
             Solver::BuiltIn(entry) => entry.id,
             Solver::Foreign(peer) => &peer.name,
+            Solver::Build(build) => &build.id,
         }
     }
 
     /// Whether its settings are defaults or tuned. Our own backends are all tuned: we know the work they do here.
     pub fn division(&self) -> Option<Division> {
         match self {
-            Solver::BuiltIn(_) => Some(Division::Open),
+            Solver::BuiltIn(_) | Solver::Build(_) => Some(Division::Open),
             Solver::Foreign(peer) => peer.division,
         }
     }
@@ -95,15 +108,18 @@ impl Solver {
     /// # Errors
     /// `unavailable` for a peer that is not installed, `error` where the path of this program is unknown.
     pub fn command(&self, threads: usize, memory_limit: Option<u64>) -> Result<Command, Failure> {
-        let mut command = Command::new(std::env::current_exe().map_err(|error| {
-            Failure::new(Status::Error, format!("the path of this program is not known: {error}"))
-        })?);
+        let mut command = match self {
+            Solver::Build(build) => Command::new(&build.program),
+            _ => Command::new(std::env::current_exe().map_err(|error| {
+                Failure::new(Status::Error, format!("the path of this program is not known: {error}"))
+            })?),
+        };
         command.arg("peer");
         if let Some(bytes) = memory_limit {
             command.args(["--memory-limit", &bytes.to_string()]);
         }
         match self {
-            Solver::BuiltIn(entry) => command.args(["--backend", entry.id]),
+            Solver::BuiltIn(_) | Solver::Build(_) => command.args(["--backend", self.name()]),
             Solver::Foreign(Peer { command: Ok(line), .. }) => command.args(["--exec", line]),
             Solver::Foreign(Peer { command: Err(missing), .. }) => {
                 return Err(Failure::new(Status::Unavailable, missing.as_str()));

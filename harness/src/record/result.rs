@@ -267,6 +267,8 @@ pub struct Factor {
     pub device_bytes: Option<u64>,
     /// Flops of the numeric factorisation.
     pub flops: Option<u64>,
+    /// Programs started on a device in one solve or frame.
+    pub dispatches: Option<u64>,
     /// Ordering that ran.
     pub ordering: Option<String>,
 }

@@ -4,7 +4,7 @@
 //! segmentation: the split of a segment with the largest energy distance between both sides is kept if few random orders of
 //! the segment have one as large; then both sides are searched. Nothing is assumed of the distribution.
 
-use crate::engine::shuffle::Random;
+use crate::statistics::random::Random;
 use serde::Serialize;
 
 /// A change between two neighbours of a series.

@@ -72,7 +72,7 @@ fn distribution(m: usize, n: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::shuffle::Random;
+    use crate::statistics::random::Random;
 
     /// U of 2 and 2 values: 0, 1, 2, 2, 3, 4 of six orders.
     #[test]

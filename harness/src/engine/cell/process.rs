@@ -81,6 +81,7 @@ impl Running<'_> {
             bytes: held.factor_bytes,
             device_bytes: held.device_bytes,
             flops: held.factor_flops,
+            dispatches: held.dispatches,
             ordering: held.ordering,
         };
         self.bytes = held.bytes_per_solve;

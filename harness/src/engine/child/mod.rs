@@ -1,6 +1,7 @@
 //! The child's side: serves one backend over the peer protocol until stdin ends.
 
 mod clock;
+mod inject;
 mod iterate;
 pub mod open_loop;
 mod prepared;
@@ -138,6 +139,7 @@ impl Server<'_> {
             device_bytes: footprint.device_bytes,
             bytes_per_solve: footprint.bytes_per_solve,
             factor_flops: footprint.factor_flops,
+            dispatches: footprint.dispatches,
             ordering: footprint.ordering.map(str::to_owned),
         }
     }

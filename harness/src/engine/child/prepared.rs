@@ -1,7 +1,7 @@
 //! A prepared problem in the child, and the timed repetitions on it.
 
 use super::clock::{PhaseClock, StepClock, nanoseconds};
-use super::{failed, open_loop, read_rows};
+use super::{failed, inject, open_loop, read_rows};
 use crate::engine::allocation;
 use crate::engine::array_file::{ArrayFile, Number};
 use crate::engine::protocol::{MatrixFiles, MeshFiles, Problem, Refusal, Timed, Trace};
@@ -57,7 +57,9 @@ impl Prepared {
                 let system = System::new(read_matrix(matrix)?, read_points(positions.as_ref())?)
                     .map_err(|e| failed(e.to_string()))?;
                 clock.restart();
+                let start = Instant::now();
                 let factor = backend.prepare(&system, &options, &mut |phase| clock.begin(phase))?;
+                inject::delay("setup", start);
                 clock.stop();
                 let n = system.n();
                 Ok(Self { handle: Handle::System(factor), inputs: n, outputs: n, entries, max_columns })
@@ -68,8 +70,10 @@ impl Prepared {
                     Dirichlet::new(read_matrix(laplacian)?, positions.as_deref(), &fixed.read::<u32>()?)
                         .map_err(|e| failed(e.to_string()))?;
                 clock.restart();
+                let start = Instant::now();
                 let harmonic =
                     backend.prepare_harmonic(&problem, &options, &mut |phase| clock.begin(phase))?;
+                inject::delay("setup", start);
                 clock.stop();
                 let (inputs, outputs) = (problem.fixed().len(), laplacian.n);
                 let entries = laplacian.values.rows;
@@ -83,11 +87,13 @@ impl Prepared {
                 let problem = TransferProblem::new(&template, target, &pairs, Weights::Plain)
                     .map_err(|e| failed(e.to_string()))?;
                 clock.restart();
+                let start = Instant::now();
                 let frames = transfer::prepare(backend, &problem, &options, &mut |phase| clock.begin(phase))
                     .map_err(|error| match error {
                         TransferError::Prepare(error) => error.into(),
                         other => failed(other.to_string()),
                     })?;
+                inject::delay("setup", start);
                 clock.stop();
                 Ok(Self { handle: Handle::Transfer(frames), inputs, outputs, entries: 0, max_columns })
             }
@@ -141,6 +147,7 @@ impl Prepared {
             Handle::Harmonic(harmonic) => harmonic.solve(rhs, x),
             Handle::Transfer(_) => return Err(failed("a transfer problem has frames, not solves")),
         };
+        inject::delay("solve", start);
         let elapsed = start.elapsed();
         Ok(Step { elapsed, solved: solved?, allocations: allocation::count() - before })
     }
@@ -235,6 +242,7 @@ impl Prepared {
             let start = Instant::now();
             clock.start(start);
             let solved = handle.observed_frame(pose, &mut target, &mut |step| clock.begin(step));
+            inject::delay("frame", start);
             let end = Instant::now();
             let (elapsed, allocations) = (end - start, allocation::count() - before);
             clock.stop(end, k >= warmup as usize);

@@ -228,12 +228,12 @@ impl<T: Lanes, E: Send> Engine<T, E> {
         let work: u64 = works().map(Workspace::bytes).sum();
         Footprint {
             host_bytes: Some(factor + slabs + work + self.symbolic.bytes()),
-            device_bytes: None,
             factor_nonzeros: Some(self.symbolic.nonzeros),
             factor_bytes: Some(factor),
             bytes_per_solve: Some(panels().map(Panels::bytes_per_solve).sum()),
             factor_flops: Some(self.symbolic.flops),
             ordering: Some(self.name),
+            ..Footprint::default()
         }
     }
 }

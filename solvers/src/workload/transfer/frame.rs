@@ -123,6 +123,7 @@ impl TransferFrame for Transfer {
             factor_bytes: sum(a.factor_bytes, b.factor_bytes),
             bytes_per_solve: sum(a.bytes_per_solve, b.bytes_per_solve),
             factor_flops: sum(a.factor_flops, b.factor_flops),
+            dispatches: sum(a.dispatches, b.dispatches),
             ordering: b.ordering,
         }
     }

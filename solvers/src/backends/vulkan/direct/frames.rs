@@ -15,6 +15,8 @@ pub struct Frames<T: Number> {
     x: Output<T>,
     /// By planes less one.
     plans: Vec<Recorded>,
+    /// Dispatches of one submission.
+    dispatches: usize,
     clear: Recorded,
     n: usize,
 }
@@ -41,7 +43,7 @@ impl<T: Number> Frames<T> {
         plan.clear(x.buffer());
         let mut clear = plan.record()?;
         clear.run()?;
-        let mut plans = Vec::new();
+        let (mut plans, mut dispatches) = (Vec::new(), 0);
         for planes in 1..=most {
             let mut plan = Plan::new(&device);
             plan.mark();
@@ -51,11 +53,17 @@ impl<T: Number> Frames<T> {
             plan.barrier();
             x.download(&mut plan);
             plan.mark();
+            dispatches = plan.dispatches();
             let mut recorded = plan.record()?;
             recorded.run()?;
             plans.push(recorded);
         }
-        Ok(Self { tables, rhs, x, plans, clear, n })
+        Ok(Self { tables, rhs, x, plans, dispatches, clear, n })
+    }
+
+    /// Dispatches of one submission.
+    pub fn dispatches(&self) -> u64 {
+        self.dispatches as u64
     }
 
     /// Most columns of a frame.

@@ -202,6 +202,7 @@ impl<T: Number, M: Method<T>> Factor for Handle<T, M> {
             factor_bytes: Some(numbers + indices),
             bytes_per_solve: Some(M::PAIRS * (numbers + indices + matrix)),
             factor_flops: Some(tables.symbolic().flops),
+            dispatches: Some(M::PAIRS * frames.dispatches()),
             ordering: Some(self.ordering),
         }
     }
