@@ -179,7 +179,7 @@ fn correspondences_are_thinned_averaged_proposed_or_of_vertices() {
 fn unusable_input_is_named_and_nothing_is_left() {
     let scene = Scene::new();
     let rest = scene.template.positions().to_vec();
-    scene.frames("f.npy", &[rest.clone()]);
+    scene.frames("f.npy", std::slice::from_ref(&rest));
     npy::write(&scene.path("none.npy"), &[0, rest.len(), 3], &[]).unwrap();
     scene.frames("short.npy", &[rest[1..].to_vec()]);
     std::fs::write(scene.path("far.csv"), "0,0\n1,999999\n").unwrap();

@@ -68,7 +68,7 @@ impl Laboratory {
             processors: std::thread::available_parallelism().map_or(1, Into::into),
             control: ControlKernel::default(),
             begin,
-            workspace: workspace,
+            workspace,
         };
         for case in cases {
             let source = laboratory.source(case)?;

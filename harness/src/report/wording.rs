@@ -226,7 +226,7 @@ mod tests {
             complete: true,
             precision: Some(Precision::F64),
             threads: 1,
-            solve_ns: Summary::of(&vec![ms * 1_000_000; 9]),
+            solve_ns: Summary::of(&[ms * 1_000_000; 9]),
             accuracy,
             ..Cell::default()
         }

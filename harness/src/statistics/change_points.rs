@@ -30,7 +30,8 @@ pub fn change_points(values: &[f64], significance: f64) -> Vec<ChangePoint> {
     let logs: Vec<f64> = values.iter().map(|v| v.max(f64::MIN_POSITIVE).ln()).collect();
     let mut random = Random::new(1);
     let mut found: Vec<(usize, f64)> = Vec::new();
-    let mut segments = vec![0..logs.len()];
+    let whole = 0..logs.len();
+    let mut segments = vec![whole];
     while let Some(segment) = segments.pop() {
         let part = &logs[segment.clone()];
         let Some((split, energy)) = best_split(part) else { continue };

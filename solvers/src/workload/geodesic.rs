@@ -178,7 +178,7 @@ pub struct Geodesic {
 
 /// The system of phi.
 enum Second {
-    Grounded(Poisson),
+    Grounded(Box<Poisson>),
     /// Over the rows of the heat system, with buffers for -div X and phi.
     Shifted(Box<dyn Factor>, Vec<f64>, Vec<f64>),
 }
@@ -309,7 +309,7 @@ impl Second {
             }
             let options = PrepareOptions { max_columns: 1, order: order.as_deref() };
             let poisson = Poisson::prepare(backend, matrix, Some(&problem.positions), &options, on)?;
-            return Ok(Self::Grounded(poisson));
+            return Ok(Self::Grounded(Box::new(poisson)));
         };
         let diagonal: Vec<f64> =
             problem.row.iter().map(|&row| if row == u32::MAX { 0.0 } else { shift }).collect();

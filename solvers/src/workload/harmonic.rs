@@ -77,7 +77,7 @@ impl Constraints {
 
     /// Steps after which [`edited_set`](Self::edited_set) is the default set again.
     pub fn edit_period(&self) -> usize {
-        (1..).find(|step| step * EDITED_CONSTRAINTS % self.sequence.len().max(1) == 0).unwrap_or(1)
+        (1..).find(|step| (step * EDITED_CONSTRAINTS).is_multiple_of(self.sequence.len().max(1))).unwrap_or(1)
     }
 
     fn window(&self, first: usize, count: usize) -> Vec<u32> {

@@ -244,7 +244,7 @@ impl<'a> Stage<'a> {
     fn camera(&self, subject: usize, k: usize) -> Camera {
         let up = self.args.up_axis();
         let boxes = || self.boxes.iter().map(|both| both[subject]);
-        let hull = boxes().reduce(|a, b| join(a, b)).expect("frames");
+        let hull = boxes().reduce(join).expect("frames");
         let widest: Vector = std::array::from_fn(|i| boxes().map(|b| b.1[i] - b.0[i]).fold(0.0, f64::max));
         let across = (0..3).filter(|&i| i != up).map(|i| widest[i]).fold(0.0, f64::max).max(0.5 * widest[up]);
         let (low, high) = self.boxes[k][subject];

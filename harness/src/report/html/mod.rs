@@ -93,7 +93,7 @@ mod tests {
             device: Some(evil.into()),
             status,
             precision: Some(crate::record::names::Precision::F64),
-            solve_ns: crate::record::result::Summary::of(&vec![ns; 8]),
+            solve_ns: crate::record::result::Summary::of(&[ns; 8]),
             samples_ns: vec![ns; 8],
             details: [(evil.to_owned(), evil.to_owned())].into(),
             ..Cell::default()

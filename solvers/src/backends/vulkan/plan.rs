@@ -124,9 +124,9 @@ impl Recorded {
     fn make(&mut self, steps: &[Step]) -> Result<(), DeviceError> {
         let raw = self.device.raw();
         let info = vk::CommandPoolCreateInfo::default().queue_family_index(self.device.family());
-        // SAFETY, here and below: the device is alive; `drop` releases what was made.
-        self.commands =
-            unsafe { raw.create_command_pool(&info, None) }.map_err(calling("vkCreateCommandPool"))?;
+        // SAFETY: here and below, the device is alive; `drop` releases what was made.
+        let pool = unsafe { raw.create_command_pool(&info, None) };
+        self.commands = pool.map_err(calling("vkCreateCommandPool"))?;
         let info = vk::CommandBufferAllocateInfo::default()
             .command_pool(self.commands)
             .level(vk::CommandBufferLevel::PRIMARY)

@@ -92,8 +92,7 @@ pub fn system(frames: usize, lambda: f64) -> Result<System, SmoothingError> {
     for i in 0..frames {
         for j in i..frames.min(i + SECOND.len()) {
             // Row r of D has its weights at r, r + 1, r + 2.
-            let rows = j.saturating_sub(2)..=i.min(frames.saturating_sub(3));
-            let rows = if frames < SECOND.len() { 1..=0 } else { rows };
+            let rows = j.saturating_sub(2)..(i + 1).min(frames.saturating_sub(2));
             let product: f64 = rows.map(|r| SECOND[i - r] * SECOND[j - r]).sum();
             columns.push(j as u32);
             values.push(if i == j { 1.0 } else { 0.0 } + lambda * product);
