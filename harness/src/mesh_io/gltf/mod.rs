@@ -43,7 +43,7 @@ pub fn parse(bytes: &[u8], folder: Option<&Path>) -> Parsed {
     catch_unwind(scene).unwrap_or_else(|_| Err(unreadable("its structure is inconsistent")))
 }
 
-/// Positions of the vertices over time, and frames per second; see [`animation`].
+/// Positions of the vertices over time, and frames per second; see `animation.rs`.
 ///
 /// # Errors
 /// A fault naming node, channel, accessor or buffer.

@@ -4,8 +4,8 @@
 //! order -> supernodes (wide ones: a device wants few levels) -> blocks, tiles -> numeric (CPU, f64) -> tiles in T
 //! frame: b -> [assemble, forward tiles] per level -> [backward tiles] per level -> x, one submission
 //! ```
-//! Ordering, analysis and numeric factorisation are `framechol`'s; layout and sweeps are described in [`tiles`] and
-//! [`blocks`], figures in the README of this folder.
+//! Ordering, analysis and numeric factorisation are `framechol`'s; layout and sweeps are described in `tiles` and
+//! `blocks`, figures in the README of this folder.
 mod blocks;
 mod frames;
 mod mixed;
