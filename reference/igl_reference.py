@@ -1,6 +1,6 @@
 """libigl's Laplacian, mass matrices and harmonic field of one mesh, in the numbering of its file.
 
-    igl_reference.py MESH OUT_FOLDER [--constraints FILE.csv] [--repeat N]
+    igl_reference.py MESH OUT_FOLDER [--constraints FILE.csv]
 
 writes to OUT_FOLDER, as .npy in float64:
   laplacian.npy          rows (i, j, L_ij), i <= j, sorted: L positive semi-definite, i.e. the negative of igl.cotmatrix
@@ -10,14 +10,13 @@ writes to OUT_FOLDER, as .npy in float64:
   field.npy              n x k: igl.harmonic(V, F, b, bc, 1)
 and prints one JSON object: versions, sizes, the mesh's sha256. libigl knows neither zero-area triangles nor vertices
 without triangles: both are taken out first; such vertices have mass 0, field 0 and no row. Constraints: CSV as lapbench
-takes them, `vertex, g_1 .. g_k` per line, 0-based. With --repeat the object also has `cotmatrix_ns`: N times of igl.cotmatrix.
+takes them, `vertex, g_1 .. g_k` per line, 0-based.
 """
 
 import argparse
 import json
 import pathlib
 import platform
-import time
 
 import igl
 import numpy as np
@@ -38,16 +37,6 @@ def versions():
 def laplacian(mesh):
     """-igl.cotmatrix: positive semi-definite, L_ij = -(cot a + cot b)/2."""
     return (-igl.cotmatrix(mesh.positions, mesh.triangles)).tocsr()
-
-
-def cotmatrix_times(mesh, count):
-    """Nanoseconds of `count` calls, matrix made and thrown away."""
-    times = []
-    for _ in range(count):
-        start = time.perf_counter_ns()
-        igl.cotmatrix(mesh.positions, mesh.triangles)
-        times.append(time.perf_counter_ns() - start)
-    return times
 
 
 def masses(mesh):
@@ -86,7 +75,6 @@ def main():
     arguments.add_argument("mesh", type=pathlib.Path)
     arguments.add_argument("out", type=pathlib.Path)
     arguments.add_argument("--constraints", type=pathlib.Path)
-    arguments.add_argument("--repeat", type=int, default=0)
     options = arguments.parse_args()
 
     original = mesh_files.read(options.mesh)
@@ -113,7 +101,7 @@ def main():
         np.save(options.out / f"{name}.npy", np.ascontiguousarray(array, np.float64))
     print(json.dumps({"versions": versions(), "sha256": mesh_files.checksum(original), "vertices": count,
                       "triangles": len(original.triangles), "zero_area": int(mesh_files.zero_area(original).sum()),
-                      "unreferenced": count - len(used), "cotmatrix_ns": cotmatrix_times(mesh, options.repeat)}))
+                      "unreferenced": count - len(used)}))
 
 
 if __name__ == "__main__":

@@ -224,6 +224,9 @@ pub struct Described {
 /// A preparation, phase by phase. A phase that did not occur is null.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Prepared {
+    /// Assembly of the Laplacian, by a library that does it itself, nanoseconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub assemble_ns: Option<u64>,
     /// Ordering, nanoseconds.
     #[serde(default)]
     pub order_ns: Option<u64>,

@@ -138,7 +138,8 @@ pub struct Mesh {
 pub struct Phases {
     /// Reading or making the mesh; done once for all cells of the mesh.
     pub load: Option<u64>,
-    /// Assembling the matrix; done once for all cells of the mesh and workload.
+    /// Assembling the mesh's plain cotangent Laplacian (median of five): once for all cells of the mesh, with all threads.
+    /// By the library itself where it assembles its own.
     pub assemble: Option<u64>,
     /// Elimination order, or structure of a hierarchy.
     pub order: Option<u64>,

@@ -5,6 +5,7 @@ use super::rows::Rows;
 use crate::record::names::{DeviceType, Status};
 use crate::record::result::{Cell, Summary};
 use lapsolve::backend::FrameStep;
+use lapsolve::registry;
 use std::fmt::Write;
 
 /// One row per cell, short enough for 100 columns of a terminal. Times in milliseconds, memory in 2^20 bytes.
@@ -148,6 +149,32 @@ pub fn steps(cells: &[Cell]) -> String {
             mesh.name,
             parts.join(", ")
         );
+    }
+    lines
+}
+
+/// A line for every mesh on which some library assembled the Laplacian by itself: our time and theirs.
+pub fn assemblies(cells: &[Cell]) -> String {
+    let mut lines = String::new();
+    let mut meshes: Vec<&str> = Vec::new();
+    let foreign = |cell: &&Cell| registry::find(&cell.backend).is_none();
+    for cell in cells.iter().filter(foreign) {
+        let name = cell.mesh.name.as_str();
+        let ours = cells.iter().find(|other| other.mesh.name == name && !foreign(other));
+        let (Some(theirs), Some(ours)) = (cell.phases_ns.assemble, ours.and_then(|c| c.phases_ns.assemble))
+        else {
+            continue;
+        };
+        if theirs != ours && ours > 0 && !meshes.contains(&name) {
+            meshes.push(name);
+            let ratio = significant(theirs as f64 / ours as f64);
+            let (ours, theirs) = (milliseconds(Some(ours)), milliseconds(Some(theirs)));
+            let _ = writeln!(
+                lines,
+                "{name}, assembly of the Laplacian, ms: {ours} here, {theirs} in {} ({ratio} times)",
+                cell.backend
+            );
+        }
     }
     lines
 }

@@ -202,7 +202,12 @@ fn print(args: &Args, result: &record::result::ResultFile) -> std::io::Result<()
         Format::Csv => output::print(&table::full(&result.cells).render(Format::Csv)),
         format => {
             output::print(&table::overview(&result.cells).render(format))?;
-            eprint!("{}{}", table::steps(&result.cells), table::reasons(&result.cells));
+            eprint!(
+                "{}{}{}",
+                table::steps(&result.cells),
+                table::assemblies(&result.cells),
+                table::reasons(&result.cells)
+            );
             if let Some(hz) = args.require_hz {
                 output::print(&verdict::rows(&result.cells, hz).render(format))?;
             }

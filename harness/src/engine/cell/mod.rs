@@ -89,7 +89,7 @@ impl<'a> Running<'a> {
             columns: Some(task.columns()),
             phases_ns: Phases {
                 load: Some(source.load_ns),
-                assemble: Some(task.assemble_ns),
+                assemble: source.assemble_ns,
                 ..Phases::default()
             },
             ..Cell::default()

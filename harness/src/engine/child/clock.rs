@@ -143,7 +143,7 @@ mod tests {
         }
         clock.stop();
         let whole = nanoseconds(start.elapsed());
-        let Prepared { order_ns: Some(order), numeric_ns: Some(numeric), symbolic_ns: None, upload_ns: None } =
+        let Prepared { order_ns: Some(order), numeric_ns: Some(numeric), symbolic_ns: None, .. } =
             clock.phases()
         else {
             panic!("{:?}", clock.phases())

@@ -32,7 +32,6 @@ use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
 use lapsolve::workload::{harmonic, kharmonic, matrix, poisson, screened};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 use transfer::Setting;
 
 /// A workload on a mesh or matrix, ready for any number of cells.
@@ -40,8 +39,6 @@ use transfer::Setting;
 pub struct Task {
     /// Which workload.
     pub workload: Workload,
-    /// Time to assemble the matrix, nanoseconds.
-    pub assemble_ns: u64,
     /// What children prepare.
     pub problem: Problem,
     /// What they do then.
@@ -122,9 +119,7 @@ impl Task {
         backends: &[Entry],
         folder: PathBuf,
     ) -> anyhow::Result<Self> {
-        let begin = Instant::now();
         let equations = equations(workload, source, inputs, backends)?;
-        let assemble_ns = begin.elapsed().as_nanos() as u64;
         let edits = match (workload, &source.content) {
             (Workload::HarmonicEdit, Content::Mesh(mesh)) => Some(Edits::new(mesh, inputs)?),
             _ => None,
@@ -145,7 +140,7 @@ impl Task {
         }
         let check = Judge::Equations(check);
         let goal = Goal::Solve(Box::new(Solve { check, input, update, edits }));
-        Ok(Self { workload, assemble_ns, problem, goal, folder })
+        Ok(Self { workload, problem, goal, folder })
     }
 
     fn frames(
@@ -156,14 +151,12 @@ impl Task {
         folder: PathBuf,
     ) -> anyhow::Result<Self> {
         let setting = Setting::new(source, mesh, inputs)?;
-        let begin = Instant::now();
         let problem = setting.problem()?;
-        let assemble_ns = begin.elapsed().as_nanos() as u64;
         let check = FrameCheck::new(&setting, problem, backends)?;
         let problem = setting.write(&folder)?;
         let checked = setting.write_frames(&folder.join("checked.f64"), setting.motion.checked_frame(), 1)?;
         let goal = Goal::Frames(Box::new(Frames { setting, check, checked }));
-        Ok(Self { workload: Workload::Transfer, assemble_ns, problem, goal, folder })
+        Ok(Self { workload: Workload::Transfer, problem, goal, folder })
     }
 
     /// Unknowns of the (largest) system that is solved.
@@ -388,6 +381,7 @@ fn other_values(
     let stretched = Source {
         record: source.record.clone(),
         load_ns: 0,
+        assemble_ns: None,
         content: Content::Mesh(stretched),
         unsubdivided: None,
         body: source.body,

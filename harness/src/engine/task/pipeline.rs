@@ -27,7 +27,6 @@ use lapsolve::workload::geodesic::{Geodesic, GeodesicProblem, default_sources};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
 
 /// A pipeline with its input, and its refined answers by convention.
 #[derive(Debug)]
@@ -68,7 +67,6 @@ pub fn task(
 ) -> anyhow::Result<Task> {
     let kind =
         if workload == Workload::Arap { Kind::arap(mesh, inputs)? } else { Kind::geodesic(mesh, inputs)? };
-    let begin = Instant::now();
     let unknowns = match &kind {
         Kind::Arap { handles, .. } => {
             ArapProblem::new(mesh, handles, Weights::ClampedPerEdge)?.dirichlet().free().len()
@@ -79,7 +77,6 @@ pub fn task(
             problem.heat().vertices().len()
         }
     };
-    let assemble_ns = begin.elapsed().as_nanos() as u64;
     let files = write_mesh(&folder, "mesh", mesh)?;
     let rhs = folder.join("rhs.f64");
     let (problem, input) = match &kind {
@@ -101,7 +98,7 @@ pub fn task(
     }
     let check = Judge::Pipeline(pipeline);
     let goal = Goal::Solve(Box::new(Solve { check, input, update: None, edits: None }));
-    Ok(Task { workload, assemble_ns, problem, goal, folder })
+    Ok(Task { workload, problem, goal, folder })
 }
 
 impl Kind {
