@@ -116,12 +116,14 @@ impl Browser {
         self.log("browser")
     }
 
-    /// The addresses of everything that was asked for.
+    /// The addresses of everything that pages read from files asked for; not what the browser's own first page wants.
     pub fn requests(&self) -> Vec<String> {
         let address = |line: String| {
             let event: Value = serde_json::from_str(&line).ok()?;
             let sent = event["message"]["method"] == "Network.requestWillBeSent";
-            sent.then(|| event["message"]["params"]["request"]["url"].as_str().map(str::to_owned))?
+            let parameters = &event["message"]["params"];
+            let of_a_file = parameters["documentURL"].as_str().is_some_and(|url| url.starts_with("file:"));
+            (sent && of_a_file).then(|| parameters["request"]["url"].as_str().map(str::to_owned))?
         };
         self.log("performance").into_iter().filter_map(address).collect()
     }

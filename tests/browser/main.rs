@@ -75,6 +75,7 @@ fn the_report_works_in_a_browser() {
     // The watch itself works: an error and a request are seen.
     browser.run("console.error('seen'); new Image().src = 'file:///nowhere.png'; return 0;");
     assert!(browser.console().iter().any(|line| line.contains("seen")));
+    assert!(browser.requests().iter().any(|address| address.ends_with("nowhere.png")));
 }
 
 fn sorts(browser: &Browser) {

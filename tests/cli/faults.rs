@@ -27,7 +27,7 @@ fn wrong_answers_have_no_time() {
     for (backend, reason) in [
         ("wrong", "error"),
         ("wrong-later", "error"),
-        ("stale", "after new values"),
+        ("stale", "after a change"),
         ("not-a-number", "exceeds"),
     ] {
         let cell = fails(backend, "", 4, Status::Invalid, reason);

@@ -212,7 +212,7 @@ fn rates_are_kept_or_missed() {
     let (exit, cells, _) = run("--backend slow --require-hz 1000");
     assert_eq!(exit, 3);
     let run_at = &cells[0].open_loop[0];
-    assert!(run_at.misses == run_at.frames && run_at.frames > 10, "{run_at:?}");
+    assert!(run_at.misses == run_at.frames && run_at.frames > 0, "{run_at:?}");
     let (exit, cells, stderr) = run("--backend dense --require-hz 200 --mesh sphere:1");
     assert_ne!(exit, 4, "{stderr}");
     // A busy machine may end the schedule before its 600 frames; it never makes up a rate.

@@ -28,16 +28,16 @@ pub struct Inputs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub max_marks: Option<u32>,
     /// tau of `screened`: 1e-4 is nearly the mass matrix, 1e6 nearly the singular Laplacian
-    #[arg(long, value_name = "TAU", default_value_t = lapsolve::workload::screened::DEFAULT_TAU)]
+    #[arg(long, value_name = "TAU", allow_negative_numbers = true, default_value_t = lapsolve::workload::screened::DEFAULT_TAU)]
     pub tau: f64,
     /// Bones of `skinning`, one segment per row: `x1, y1, z1, x2, y2, z2` [default: 22 segments; of bodies their own bones]
     #[arg(long, value_name = "FILE.csv")]
     pub bones: Option<PathBuf>,
     /// Strength of the heat of `skinning`; large: every vertex follows its nearest bone alone
-    #[arg(long, value_name = "C", default_value_t = lapsolve::workload::skinning::HEAT)]
+    #[arg(long, value_name = "C", allow_negative_numbers = true, default_value_t = lapsolve::workload::skinning::HEAT)]
     pub heat: f64,
     /// lambda of `smoothing`, the weight of second differences
-    #[arg(long, value_name = "LAMBDA", default_value_t = lapsolve::workload::smoothing::LAMBDA)]
+    #[arg(long, value_name = "LAMBDA", allow_negative_numbers = true, default_value_t = lapsolve::workload::smoothing::LAMBDA)]
     pub lambda: f64,
     /// Iterations of `arap`
     #[arg(long, value_name = "N", default_value_t = lapsolve::workload::arap::ITERATIONS, value_parser = clap::value_parser!(u32).range(0..=100_000))]
