@@ -112,6 +112,24 @@ pub fn prefetch<T>(at: &T, ahead: isize) {
     let _ = (at, ahead);
 }
 
+/// How many rows ahead a loop that jumps between rows asks for them: enough for the latency of a shared cache, few enough
+/// not to lose them again.
+pub const ROWS_AHEAD: usize = 24;
+
+/// Asks for the cache line of a place that is about to be read or written, into the first-level cache. Any address may be
+/// given, as in [`prefetch`].
+#[inline(always)]
+pub fn prefetch_near<T>(at: *const T) {
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a prefetch reads nothing that a program can see, and takes any address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) };
+    }
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
+    let _ = at;
+}
+
 struct Base;
 impl Features for Base {
     const FMA: bool = cfg!(any(target_arch = "aarch64", target_feature = "fma"));

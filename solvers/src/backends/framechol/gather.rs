@@ -1,6 +1,6 @@
 //! Right-hand sides in, solutions out: the permutation and the conversion to the factor's numbers, row by row.
 use crate::columns::Columns;
-use crate::isa::{Features, Isa, Kernel, Real};
+use crate::isa::{Features, Isa, Kernel, ROWS_AHEAD, Real, prefetch_near};
 use crate::lanes::{Shape, Vector};
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -86,7 +86,9 @@ impl<S: Shape> Kernel for Gather<'_, S> {
         let (k, data) = (self.block.k(), self.block.slice());
         let mut largest = [0.0_f64; 8];
         with_count!(self.group.count, C, {
-            for (w, &row) in self.work.iter_mut().zip(self.order) {
+            for (i, (w, &row)) in self.work.iter_mut().zip(self.order).enumerate() {
+                let later = self.order[(i + ROWS_AHEAD).min(self.order.len() - 1)] as usize;
+                prefetch_near(data.as_ptr().wrapping_add(later * k + self.group.from));
                 let b = data[row as usize * k + self.group.from..].first_chunk::<C>().expect("C columns");
                 *w = S::Row::default();
                 for c in 0..C {
@@ -152,7 +154,9 @@ impl<S: Shape> Kernel for Scatter<'_, S> {
         let Output { data, len, k, .. } = *self.block;
         let mut check = S::Vector::<F>::zero();
         with_count!(self.group.count, C, {
-            for (w, &row) in self.work.iter().zip(self.order) {
+            for (i, (w, &row)) in self.work.iter().zip(self.order).enumerate() {
+                let later = self.order[(i + ROWS_AHEAD).min(self.order.len() - 1)] as usize;
+                prefetch_near(data.wrapping_add(later * k + self.group.from));
                 // 0 * w is NaN for an infinity or a NaN, and stays in the sum.
                 check = check.add_scaled(S::T::default(), S::Vector::<F>::load(w));
                 let at = row as usize * k + self.group.from;
