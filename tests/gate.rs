@@ -146,6 +146,25 @@ fn counters_that_grew_are_3_until_the_baseline_is_updated() {
     run("").code(0);
 }
 
+/// Fill, flops, bytes and allocations of the default cells are what stands in the repository, or less.
+#[test]
+fn the_committed_counters_hold() {
+    let _alone = alone();
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../bench_results/counters.json");
+    let text = fs::read_to_string(&committed).expect("bench_results/counters.json is committed");
+    let counters: serde_json::Value = serde_json::from_str(&text).unwrap();
+    for cell in lapbench::gate::cell::DEFAULT {
+        let (case, _) = cell.rsplit_once('/').unwrap();
+        assert!(counters[case]["factor_bytes"].is_u64(), "{case} is not in {}", committed.display());
+        assert_eq!(counters[case]["allocations_per_frame"], 0.0, "{case}");
+    }
+    let mut command = Command::new(PROGRAM);
+    command.args(["gate", "--base", PROGRAM, "--head", PROGRAM, "--time-budget", "1s", "--baseline"]);
+    let output = command.arg(&committed).assert().code(0);
+    let text = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
+    assert!(text.contains("no counter grew"), "{text}");
+}
+
 #[test]
 fn a_slower_head_is_3_and_every_report_says_so() {
     let _alone = alone();

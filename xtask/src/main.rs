@@ -5,11 +5,13 @@
 
 mod cache;
 mod ci;
+mod gate;
 mod peers;
 mod python;
 mod results;
 mod shaders;
 mod shell;
+mod splice;
 mod system;
 mod test_runs;
 
@@ -42,6 +44,14 @@ enum Task {
         /// A result file of `lapbench run`, in `bench_results`
         file: std::path::PathBuf,
     },
+    /// Simulate gate runs and write the table into METHODOLOGY
+    GateSimulation {
+        /// Runs under each noise with each truth
+        #[arg(long, default_value_t = 1000)]
+        runs: usize,
+    },
+    /// Run the gate on two builds of this tree, one slowed down on purpose; record what it said and write the table into METHODOLOGY
+    GateRuns(gate::Runs),
     /// Formatting, lints, documentation, the build without C++ tools, then all tests; warnings are errors
     Ci(TestOptions),
 }
@@ -61,6 +71,8 @@ fn main() -> ExitCode {
     let outcome = match Cli::parse().task {
         Task::Setup { peers } => setup(peers),
         Task::Results { file } => results::splice(&file),
+        Task::GateSimulation { runs } => gate::simulation(runs),
+        Task::GateRuns(runs) => gate::runs(&runs),
         Task::Shaders => shaders::regenerate(),
         Task::Test(options) => test_runs::run(&options),
         Task::Ci(options) => ci::run(&options),

@@ -5,10 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 
-use crate::shell;
-
-const BEGIN: &str = "<!-- results:begin -->";
-const END: &str = "<!-- results:end -->";
+use crate::{shell, splice};
 
 /// Where the picture goes, from the root of the tree.
 const PICTURE: &str = "docs/images/results.svg";
@@ -33,34 +30,5 @@ pub fn splice(file: &Path) -> anyhow::Result<()> {
     );
     let picture = root.join(PICTURE);
     fs::write(&picture, report("svg")?).with_context(|| format!("cannot write {}", picture.display()))?;
-    let readme = root.join("README.md");
-    let text = fs::read_to_string(&readme).context("cannot read README.md")?;
-    fs::write(&readme, between(&text, &table)?).context("cannot write README.md")?;
-    eprintln!("xtask: README.md and {PICTURE} show {shown}");
-    Ok(())
-}
-
-/// `text` with what stands between the markers replaced.
-fn between(text: &str, content: &str) -> anyhow::Result<String> {
-    let (Some(begin), Some(end)) = (text.find(BEGIN), text.find(END)) else {
-        bail!("README.md lacks {BEGIN} or {END}");
-    };
-    if end < begin {
-        bail!("README.md has {END} before {BEGIN}");
-    }
-    Ok(format!("{}\n{content}{}", &text[..begin + BEGIN.len()], &text[end..]))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_what_is_between_the_markers_changes() {
-        let text = format!("a\n{BEGIN}\nold\n{END}\nb\n");
-        let spliced = between(&text, "new\n").unwrap();
-        assert_eq!(spliced, format!("a\n{BEGIN}\nnew\n{END}\nb\n"));
-        assert_eq!(between(&spliced, "new\n").unwrap(), spliced);
-        assert!(between("no markers", "").is_err() && between(&format!("{END}{BEGIN}"), "").is_err());
-    }
+    splice::into("README.md", "results", &table)
 }

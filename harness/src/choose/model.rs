@@ -210,7 +210,7 @@ impl Model {
             backend: backend.to_owned(),
             cost: Cost { set_up, first: digits * at(1)?, solve: digits * at(2)?, change, prepares_anew },
             error: laws.error,
-            peak_bytes: at(5).map(|bytes| bytes as u64),
+            peak_bytes: at(5).map(|bytes| bytes.round() as u64),
             ..Figures::default()
         })
     }

@@ -195,6 +195,8 @@ impl Course<'_> {
         let mut samples = Samples::default();
         samples.add_set_up(&running.row());
         let mut runner = Runner { solver: &lane.solver, running, samples, timed: 0 };
+        // Before the cost: an error is the same on a busy machine.
+        rules::accuracy(&runner.figures(self.question), self.question)?;
         let hopeful = runner.lower_bound(self.question);
         if self.stops && hopeful > TO_HEATS * best {
             return Err(Exclusion::new(entry.id, Rule::Cost, self.hopeless(&runner, best)));

@@ -120,15 +120,24 @@ pub fn before(entry: &Entry, question: &Question, unknowns: usize) -> Result<(),
     }
 }
 
+/// Whether the error is small enough.
+///
+/// # Errors
+/// Both numbers, where it is not.
+pub fn accuracy(figures: &Figures, question: &Question) -> Result<(), Exclusion> {
+    figures.error.filter(|&error| error > question.accuracy).map_or(Ok(()), |error| {
+        let reason = format!("error {error:.1e}, {:.0e} asked for", question.accuracy);
+        Err(Exclusion::new(&figures.backend, Rule::Accuracy, reason))
+    })
+}
+
 /// What measured or predicted figures say.
 ///
 /// # Errors
 /// Why the backend is out.
 pub fn after(figures: &Figures, question: &Question) -> Result<(), Exclusion> {
+    accuracy(figures, question)?;
     let out = |rule, reason: String| Err(Exclusion::new(&figures.backend, rule, reason));
-    if let Some(error) = figures.error.filter(|&error| error > question.accuracy) {
-        return out(Rule::Accuracy, format!("error {error:.1e}, {:.0e} asked for", question.accuracy));
-    }
     if let (Some(peak), Some(most)) = (figures.peak_bytes, question.max_memory)
         && peak > most
     {

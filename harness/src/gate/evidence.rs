@@ -119,7 +119,7 @@ mod tests {
     fn more_couples_are_needed_where_the_estimate_is_near_a_border() {
         let rules = Rules::default();
         let needed = |centre: f64| {
-            let d: Vec<f64> = noise(32, 0.0, 0.04, 9).iter().map(|x| x + centre).collect();
+            let d: Vec<f64> = noise(32, 0.0, 0.08, 9).iter().map(|x| x + centre).collect();
             Evidence::of(&d, 0.006).unwrap().couples_needed(&rules)
         };
         let (plain, large) = (needed(0.0).unwrap(), needed(0.2).unwrap());

@@ -35,7 +35,8 @@ pub const CONTROL_DRIFT: f64 = 0.01;
 /// Where the control's estimate exceeds this the cell is contaminated, however wide the control's interval is.
 pub const CONTROL_SHIFT: f64 = 0.02;
 
-/// Share of couples that may be disturbed by other processes: the Hodges-Lehmann estimate bears 29% of outliers.
+/// Share of couples that may be disturbed by other processes: the Hodges-Lehmann estimate bears 29% of outliers. Beyond it the
+/// control kernel must be SAME on both sides, by the rule for cells.
 pub const CONTENDED_SHARE: f64 = 0.25;
 
 impl Default for Rules {

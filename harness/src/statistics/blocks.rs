@@ -1,5 +1,6 @@
 //! Samples of one run in blocks: neighbours in time are alike, medians of long blocks hardly.
 
+use super::autocorrelation::lag1;
 use super::percentiles::median;
 
 /// Blocks a run is cut into: enough for an interval of a ratio at 95% and 99%, few enough that each spans several rounds'
@@ -13,7 +14,7 @@ const CORRELATED: f64 = 0.2;
 /// where there are fewer.
 pub fn block_medians(samples: &[u64]) -> Vec<f64> {
     let medians = cut(samples, BLOCKS);
-    if autocorrelation(&medians) > CORRELATED { cut(samples, BLOCKS / 2) } else { medians }
+    if lag1(&medians) > CORRELATED { cut(samples, BLOCKS / 2) } else { medians }
 }
 
 fn cut(samples: &[u64], blocks: usize) -> Vec<f64> {
@@ -24,14 +25,6 @@ fn cut(samples: &[u64], blocks: usize) -> Vec<f64> {
         median(&part).map(|t| t as f64)
     };
     (0..blocks).filter_map(block).collect()
-}
-
-/// Lag-1 autocorrelation; 0 where nothing varies.
-pub fn autocorrelation(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-    let variance: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    let products: f64 = values.windows(2).map(|w| (w[0] - mean) * (w[1] - mean)).sum();
-    if variance > 0.0 { products / variance } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -50,7 +43,5 @@ mod tests {
     fn drift_joins_blocks() {
         let drift: Vec<u64> = (0..100).collect();
         assert_eq!(block_medians(&drift).len(), 5);
-        assert!(autocorrelation(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) > 0.2);
-        assert_eq!(autocorrelation(&[3.0; 5]), 0.0);
     }
 }

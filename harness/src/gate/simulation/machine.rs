@@ -29,6 +29,7 @@ impl Bench for Machine<'_> {
     fn couple(&mut self, case: usize, round: usize, with_copy: bool) -> Result<Couple, Fault> {
         let source = &mut self.sources[case];
         source.begin_couple();
+        let contended = source.is_contended();
         let slots = order(round, with_copy).into_iter().enumerate().map(|(i, side)| {
             self.now += PROCESS;
             let at = self.now.as_secs_f64() / self.budget.as_secs_f64();
@@ -40,6 +41,6 @@ impl Bench for Machine<'_> {
                 control_ns: 1e6 * noise.control.exp(),
             }
         });
-        Ok(Couple { slots: slots.collect(), contended: false })
+        Ok(Couple { slots: slots.collect(), contended })
     }
 }

@@ -15,6 +15,8 @@ pub enum Noise {
     Drift,
     /// The same, and every head process meets a busy neighbour: 15% slower, and so is the control kernel beside it.
     OneSided,
+    /// A busy neighbour all the time, for both sides: 4% a process, and for the control kernel; every couple counts as disturbed.
+    Neighbour,
     /// One process in three is 8% slower, and 1% of normal noise: memory layout by chance.
     Bimodal,
     /// Normal noise of 2% a process, and one process in ten is slowed by 5 to 50%.
@@ -25,11 +27,12 @@ pub enum Noise {
 
 impl Noise {
     /// All kinds.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Recorded,
         Self::Normal,
         Self::Drift,
         Self::OneSided,
+        Self::Neighbour,
         Self::Bimodal,
         Self::HeavyTails,
         Self::Waves,
@@ -42,6 +45,7 @@ impl Noise {
             Self::Normal => "normal, 2.7% a pair",
             Self::Drift => "the same + 30% drift",
             Self::OneSided => "the same + head contended",
+            Self::Neighbour => "both sides contended",
             Self::Bimodal => "bimodal, 8% apart",
             Self::HeavyTails => "heavy tails",
             Self::Waves => "slow waves",
@@ -95,6 +99,11 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// Whether other processes take the machine.
+    pub fn is_contended(&self) -> bool {
+        self.noise == Noise::Neighbour
+    }
+
     /// Begins a couple.
     pub fn begin_couple(&mut self) {
         if self.noise != Noise::Recorded {
@@ -130,6 +139,9 @@ impl<'a> Source<'a> {
             Noise::OneSided => {
                 let busy = if side == Side::Head { 1.15f64.ln() } else { 0.0 };
                 Disturbance { time: normal + busy, control: control + busy }
+            }
+            Noise::Neighbour => {
+                Disturbance { time: 0.04 * self.random.normal(), control: 0.04 * self.random.normal() }
             }
             Noise::Bimodal => {
                 let mode = if chance < 1.0 / 3.0 { 1.08f64.ln() } else { 0.0 };

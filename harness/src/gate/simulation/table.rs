@@ -178,5 +178,6 @@ mod tests {
         assert_eq!(row(Noise::Normal, 0.20).regressed, RUNS);
         assert!(row(Noise::Normal, -0.05).improved >= 170);
         assert_eq!(row(Noise::OneSided, 0.0).contaminated, RUNS);
+        assert!(row(Noise::Neighbour, 0.20).regressed >= 120);
     }
 }
