@@ -16,7 +16,7 @@ use crate::{shell, splice};
 const RECORD: &str = "bench_results/gate-runs.csv";
 
 const COLUMNS: &str =
-    "time,machine,head_percent,neighbour,cell,slowed,verdict,change,low,high,couples,seconds,exit_code";
+    "time,machine,load,head_percent,neighbour,cell,slowed,verdict,change,low,high,couples,seconds,exit_code";
 
 /// What a run judges unless told otherwise: solves that the slow-down reaches, and a set-up that it does not.
 const CELLS: &str = "body:50000/harmonic/framechol-f64/setup,body:50000/harmonic/framechol-f64/solve,\
@@ -34,6 +34,12 @@ pub struct Runs {
     /// A thread of this program works all the time
     #[arg(long)]
     neighbour: bool,
+    /// A program without the feature `inject`, instead of building one
+    #[arg(long, requires = "slowed")]
+    plain: Option<PathBuf>,
+    /// One with it
+    #[arg(long, requires = "plain")]
+    slowed: Option<PathBuf>,
     /// Cells to judge
     #[arg(long, default_value = CELLS)]
     cells: String,
@@ -56,7 +62,10 @@ pub fn simulation(runs: usize) -> anyhow::Result<()> {
 /// Builds, runs, records, and writes the table of all recorded runs into METHODOLOGY.
 pub fn runs(runs: &Runs) -> anyhow::Result<()> {
     if runs.times > 0 {
-        let [plain, slowed] = [build("plain", &[])?, build("slowed", &["--features", "inject"])?];
+        let [plain, slowed] = match (&runs.plain, &runs.slowed) {
+            (Some(plain), Some(slowed)) => [plain.clone(), slowed.clone()],
+            _ => [build("plain", &[])?, build("slowed", &["--features", "inject"])?],
+        };
         for run in 1..=runs.times {
             eprintln!("xtask: run {run} of {}", runs.times);
             record(runs, &one(runs, &plain, &slowed)?)?;
@@ -127,8 +136,9 @@ fn record(runs: &Runs, report: &Value) -> anyhow::Result<()> {
             report["environment"]["fingerprint"]["cpu"].as_str().unwrap_or("unknown").replace(',', " ");
         writeln!(
             text,
-            "{},{machine},{},{},{name},{},{},{},{},{},{},{:.0},{}",
+            "{},{machine},{:.1},{},{},{name},{},{},{},{},{},{},{:.0},{}",
             report["environment"]["info"]["time"].as_str().unwrap_or_default(),
+            report["environment"]["info"]["load1"].as_f64().unwrap_or(f64::NAN),
             runs.head,
             runs.neighbour,
             runs.head != 0 && name.ends_with("/solve"),
@@ -153,6 +163,8 @@ struct Kind {
     of_slowed: BTreeMap<String, usize>,
     of_others: BTreeMap<String, usize>,
     changes: Vec<f64>,
+    /// Load of the machine as each run began: processes that wanted a processor, in the mean of a minute.
+    loads: Vec<f64>,
 }
 
 /// The record as a table, a row for each kind of run.
@@ -160,12 +172,14 @@ fn table(record: &str) -> anyhow::Result<String> {
     let mut kinds: BTreeMap<(bool, i32), Kind> = BTreeMap::new();
     for line in record.lines().skip(1) {
         let fields: Vec<&str> = line.split(',').collect();
-        let [time, _, head, neighbour, _, slowed, verdict, change, _, _, _, seconds, exit] = fields[..]
+        let [time, _, load, head, neighbour, _, slowed, verdict, change, _, _, _, seconds, exit] = fields[..]
         else {
             bail!("{RECORD}: a line of {} fields: {line}", fields.len());
         };
         let kind = kinds.entry((neighbour == "true", head.parse()?)).or_default();
-        kind.runs.insert(time.to_owned(), (exit.parse()?, seconds.parse()?));
+        if kind.runs.insert(time.to_owned(), (exit.parse()?, seconds.parse()?)).is_none() {
+            kind.loads.push(load.parse()?);
+        }
         let verdicts = if slowed == "true" { &mut kind.of_slowed } else { &mut kind.of_others };
         *verdicts.entry(verdict.to_owned()).or_default() += 1;
         if slowed == "true" || head == "0" {
@@ -173,17 +187,18 @@ fn table(record: &str) -> anyhow::Result<String> {
         }
     }
     let mut text = String::from(
-        "| solves of head | neighbour | runs | failed | the slowed cells | the others | median change (range) | seconds |\n\
-         |---|---|---|---|---|---|---|---|\n",
+        "| solves of head | busy neighbour | load before | runs | failed | the slowed cells | the others | median change (range) | seconds |\n\
+         |---|---|---|---|---|---|---|---|---|\n",
     );
     for ((neighbour, head), kind) in &mut kinds {
         let failed = kind.runs.values().filter(|(exit, _)| *exit == 3).count();
         let seconds = kind.runs.values().map(|(_, seconds)| seconds).sum::<f64>() / kind.runs.len() as f64;
         writeln!(
             text,
-            "| {} | {} | {} | {failed} | {} | {} | {} | {seconds:.0} |",
+            "| {} | {} | {} | {} | {failed} | {} | {} | {} | {seconds:.0} |",
             if *head == 0 { "the same program".to_owned() } else { format!("{head:+}%") },
-            if *neighbour { "busy" } else { "none" },
+            if *neighbour { "yes" } else { "" },
+            range(&kind.loads),
             kind.runs.len(),
             counted(&kind.of_slowed),
             counted(&kind.of_others),
@@ -195,6 +210,11 @@ fn table(record: &str) -> anyhow::Result<String> {
 
 fn counted(verdicts: &BTreeMap<String, usize>) -> String {
     verdicts.iter().map(|(verdict, n)| format!("{n} {verdict}")).collect::<Vec<_>>().join(", ")
+}
+
+fn range(loads: &[f64]) -> String {
+    let (low, high) = loads.iter().fold((f64::INFINITY, 0.0f64), |(low, high), &l| (low.min(l), high.max(l)));
+    format!("{low:.0} to {high:.0}")
 }
 
 fn spread(changes: &mut [f64]) -> String {
@@ -210,7 +230,7 @@ mod tests {
     #[test]
     fn runs_of_a_kind_are_one_row() {
         let line = |time: &str, cell: &str, slowed: bool, verdict: &str, exit: i32| {
-            format!("{time},cpu,5,false,{cell},{slowed},{verdict},5.1,4,6,10,30,{exit}\n")
+            format!("{time},cpu,3,5,false,{cell},{slowed},{verdict},5.1,4,6,10,30,{exit}\n")
         };
         let record = format!("{COLUMNS}\n")
             + &line("t1", "a/solve", true, "REGRESSED", 3)
@@ -219,7 +239,7 @@ mod tests {
             + &line("t2", "a/setup", false, "SAME", 0);
         let row = table(&record).unwrap().lines().nth(2).unwrap().to_owned();
         let expected =
-            "| +5% | none | 2 | 1 | 1 INCONCLUSIVE, 1 REGRESSED | 2 SAME | +5.1% (+5.1 to +5.1) | 30 |";
+            "| +5% |  | 3 to 3 | 2 | 1 | 1 INCONCLUSIVE, 1 REGRESSED | 2 SAME | +5.1% (+5.1 to +5.1) | 30 |";
         assert_eq!(row, expected);
         assert!(table("header\nbroken,line\n").is_err());
     }
