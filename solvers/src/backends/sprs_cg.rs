@@ -10,7 +10,7 @@ use super::cg::operator::{Csr, Operator};
 use super::cg::workers::Workers;
 use crate::backend::{Backend, Description, Factor, Phase, PrepareOptions};
 use crate::error::{PrepareError, Unavailable};
-use crate::isa::Real;
+use crate::isa::{Features, Real};
 use crate::registry::OpenOptions;
 use crate::system::System;
 use sprs::CsMatI;
@@ -80,7 +80,7 @@ impl Operator for SprsMatrix {
     }
 
     #[inline(always)]
-    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W] {
+    fn product<F: Features, S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W] {
         let mut sum = [0.0; W];
         if let Some(row) = self.matrix.outer_view(i) {
             for (j, &a) in row.iter() {

@@ -79,7 +79,7 @@ impl<A: Operator, S: Real, const W: usize> Kernel for Residual<'_, A, S, W> {
         let mut sums = [[0.0; W]; 2];
         for (i, r) in self.rows.zip(self.r) {
             let b = self.window.read(self.b, self.a.rows()[i] as usize);
-            let ax = self.a.product(i, self.x);
+            let ax = self.a.product::<F, f64, W>(i, self.x);
             for c in 0..W {
                 let residual = b[c] - ax[c];
                 r[c] = S::from_f64(residual);
@@ -105,7 +105,7 @@ impl<A: Operator, S: Real, const W: usize> Kernel for Multiply<'_, A, S, W> {
     fn run<F: Features>(self) -> [[f64; W]; 2] {
         let mut sums = [[0.0; W]; 2];
         for (i, q) in self.rows.zip(self.q) {
-            let row = self.a.product(i, self.p);
+            let row = self.a.product::<F, S, W>(i, self.p);
             for c in 0..W {
                 q[c] = S::from_f64(row[c]);
                 sums[0][c] += self.p[i][c].to_f64() * row[c];

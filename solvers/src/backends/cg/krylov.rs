@@ -251,8 +251,8 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         }
         let mut trusted = self.rr;
         self.m.apply(self.force.workers, self.v.r, self.v.z);
-        self.v.p.copy_from_slice(self.v.z);
         let [mut rz, _] = self.dots();
+        std::mem::swap(&mut self.v.p, &mut self.v.z);
         while self.any_active() && !self.exhausted() {
             let pq = self.multiply();
             let mut alpha = self.step_lengths(&rz, &pq);
@@ -267,9 +267,10 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
                 self.follow(&std::mem::replace(&mut alpha, [0.0; W]));
                 self.replace_residual(&drifted, &mut trusted);
             }
-            if self.any_active() {
-                self.m.apply(self.force.workers, self.v.r, self.v.z);
+            if !self.any_active() {
+                return self.follow(&alpha);
             }
+            self.m.apply(self.force.workers, self.v.r, self.v.z);
             let [new, qz] = self.dots();
             let ratio = |c: usize| match self.goal.method {
                 Method::Stationary => 0.0,

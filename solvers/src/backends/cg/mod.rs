@@ -35,11 +35,12 @@ pub(crate) mod test_systems;
 mod tests;
 pub(crate) mod workers;
 
-use crate::backend::{Backend, Description, Factor, Phase, PrepareOptions};
+use crate::backend::{Backend, Description, Factor, Phase, PrepareOptions, TransferFrame};
 use crate::error::{PrepareError, Unavailable};
 use crate::registry::OpenOptions;
 use crate::system::System;
 use crate::vector::Vector;
+use crate::workload::transfer::{Transfer, TransferError, TransferProblem};
 use handle::CgFactor;
 use krylov::{Method, Stored};
 use operator::{Csr, FullCsr, Operator};
@@ -123,6 +124,20 @@ impl<S: Stored> Backend for Iterative<S> {
                 .map_err(|error| in_system(error, matrix.rows()))?;
         let (method, tolerance) = (self.method, self.tolerance);
         Ok(Box::new(CgFactor::new(matrix, preconditioner, workers, method, tolerance, options.max_columns)))
+    }
+
+    /// The provided frames, with guesses from more than the last one.
+    fn prepare_transfer(
+        &self,
+        problem: &TransferProblem,
+        _: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Option<Box<dyn TransferFrame>>, PrepareError> {
+        let frames = Transfer::prepare(self, problem, on).map_err(|error| match error {
+            TransferError::Prepare(error) => error,
+            other => PrepareError::Unsupported { what: other.to_string() },
+        })?;
+        Ok(Some(Box::new(frames.predicting(self.tolerance))))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::order;
 use super::workers::{Strips, Workers};
-use crate::isa::Real;
+use crate::isa::{Features, Real, multiply_add};
 use crate::sparse::SymmetricCsr;
 
 /// What the Krylov core needs of a matrix.
@@ -13,8 +13,8 @@ pub(crate) trait Operator: Send + Sync {
     /// Row of the system behind each row of the iteration.
     fn rows(&self) -> &[u32];
 
-    /// (A x)_i, sums in f64.
-    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W];
+    /// (A x)_i, sums in f64; multiplied and added as fast as the features F allow.
+    fn product<F: Features, S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W];
 
     /// Takes new values in the order of the prepared system's stored (upper) entries.
     fn update(&mut self, stored: &[f64]);
@@ -118,13 +118,13 @@ impl Operator for FullCsr {
 
     /// 2 W flops and 12 bytes of matrix per entry; x is gathered.
     #[inline(always)]
-    fn product<S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W] {
+    fn product<F: Features, S: Real, const W: usize>(&self, i: usize, x: &[[S; W]]) -> [f64; W] {
         let (columns, values) = self.csr().row(i);
         let mut sum = [0.0; W];
         for (&j, &a) in columns.iter().zip(values) {
             let x = &x[j as usize];
             for c in 0..W {
-                sum[c] += a * x[c].to_f64();
+                sum[c] = multiply_add::<F, f64>(a, x[c].to_f64(), sum[c]);
             }
         }
         sum

@@ -12,7 +12,7 @@
 use super::rows::Rows;
 use crate::backends::cg::operator::Csr;
 use crate::backends::cg::workers::{Each, Strips, Workers};
-use crate::isa::{Features, Kernel};
+use crate::isa::{Features, Kernel, multiply_add};
 use std::ops::Range;
 
 /// P and its transpose.
@@ -127,7 +127,7 @@ impl Level {
         let correction = self.coarse.x.as_chunks::<W>().0;
         self.interpolation.p.multiply(workers, &self.strips, correction, x, true);
         for (t, part) in self.parts.iter_mut().enumerate() {
-            part.hold(self.strips.range(t).start, x);
+            isa.run(Hold { part, first: self.strips.range(t).start, x: &*x });
         }
         let parts = &self.parts[..];
         workers.run(&self.strips, x, |t, rows, x| isa.run(SweepUp { part: &parts[t], b: &b[rows], x }));
@@ -181,16 +181,6 @@ impl Part {
         part
     }
 
-    /// What the sweep must take from before it: weight x_i - sum_j a_ij x_j along the border. A few rows, not worth the
-    /// threads. `first` is the strip's first row.
-    fn hold<const W: usize>(&mut self, first: usize, x: &[[f32; W]]) {
-        let held = self.held.as_chunks_mut::<W>().0;
-        for (k, held) in held[..self.border.len()].iter_mut().enumerate() {
-            let own = x[first + self.border[k] as usize].map(|x| self.weights[k] * x);
-            *held = subtract(own, self.outer.row(k), x);
-        }
-    }
-
     /// Entries and bytes.
     fn size(&self) -> (usize, usize) {
         let entries = self.inner.entries() + self.outer.entries() + self.inverse.len();
@@ -199,9 +189,33 @@ impl Part {
     }
 }
 
+/// What the upward sweep must take from before it: weight x_i - sum_j a_ij x_j along the border. A few rows, not worth the
+/// threads.
+struct Hold<'a, const W: usize> {
+    part: &'a mut Part,
+    /// First row of the strip.
+    first: usize,
+    /// All strips.
+    x: &'a [[f32; W]],
+}
+
+impl<const W: usize> Kernel for Hold<'_, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Features>(self) {
+        let Part { border, outer, weights, held, .. } = self.part;
+        let held = held.as_chunks_mut::<W>().0;
+        for (k, held) in held[..border.len()].iter_mut().enumerate() {
+            let own = self.x[self.first + border[k] as usize].map(|x| weights[k] * x);
+            *held = subtract::<F, W>(own, outer.row(k), self.x);
+        }
+    }
+}
+
 /// sum - row . x
 #[inline(always)]
-fn subtract<const W: usize>(
+fn subtract<F: Features, const W: usize>(
     mut sum: [f32; W],
     (columns, values): (&[u32], &[f32]),
     x: &[[f32; W]],
@@ -209,7 +223,7 @@ fn subtract<const W: usize>(
     for (&j, &a) in columns.iter().zip(values) {
         let x = &x[j as usize];
         for c in 0..W {
-            sum[c] -= a * x[c];
+            sum[c] = multiply_add::<F, f32>(-a, x[c], sum[c]);
         }
     }
     sum
@@ -231,7 +245,7 @@ impl<const W: usize> Kernel for SweepDown<'_, W> {
         for i in 0..self.x.len() {
             let lower = inner.starts[i] as usize..upper[i] as usize;
             let row = (&inner.columns[lower.clone()], &inner.values[lower]);
-            let mut sum = subtract(self.b[i], row, self.x);
+            let mut sum = subtract::<F, W>(self.b[i], row, self.x);
             (0..W).for_each(|c| sum[c] *= inverse[i]);
             self.x[i] = sum;
         }
@@ -257,12 +271,13 @@ impl<const W: usize> Kernel for Remainder<'_, W> {
         let own = &self.x[self.first..self.first + self.residual.len()];
         for (i, residual) in self.residual.iter_mut().enumerate() {
             let upper = upper[i] as usize..inner.starts[i + 1] as usize;
-            *residual = subtract([0.0; W], (&inner.columns[upper.clone()], &inner.values[upper]), own);
+            *residual =
+                subtract::<F, W>([0.0; W], (&inner.columns[upper.clone()], &inner.values[upper]), own);
         }
         for (k, &i) in border.iter().enumerate() {
             let residual = &mut self.residual[i as usize];
             (0..W).for_each(|c| residual[c] += weights[k] * own[i as usize][c]);
-            *residual = subtract(*residual, outer.row(k), self.x);
+            *residual = subtract::<F, W>(*residual, outer.row(k), self.x);
         }
     }
 }
@@ -288,7 +303,7 @@ impl<const W: usize> Kernel for SweepUp<'_, W> {
                 ahead -= 1;
                 (0..W).for_each(|c| sum[c] += held[ahead][c]);
             }
-            let mut sum = subtract(sum, inner.row(i), self.x);
+            let mut sum = subtract::<F, W>(sum, inner.row(i), self.x);
             (0..W).for_each(|c| sum[c] *= inverse[i]);
             self.x[i] = sum;
         }

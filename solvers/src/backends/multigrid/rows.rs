@@ -2,7 +2,7 @@
 
 use crate::backends::cg::operator::Csr;
 use crate::backends::cg::workers::{Each, Strips, Workers};
-use crate::isa::{Features, Kernel, Real};
+use crate::isa::{Features, Kernel, Real, multiply_add};
 use std::ops::Range;
 
 /// A sparse matrix by rows: entries of row i at `starts[i]..starts[i + 1]`.
@@ -129,7 +129,7 @@ impl<T: Real, const W: usize> Kernel for Multiply<'_, T, W> {
             for (&j, &a) in columns.iter().zip(values) {
                 let x = &self.x[j as usize];
                 for c in 0..W {
-                    sum[c] += a * x[c];
+                    sum[c] = multiply_add::<F, T>(a, x[c], sum[c]);
                 }
             }
             *y = sum;

@@ -2,6 +2,7 @@
 
 use super::fragments::{Fragments, Turn};
 use super::marks::MarkPose;
+use super::prediction::Prediction;
 use super::{TransferError, TransferProblem};
 use crate::backend::{Backend, Footprint, FrameStep, FrameTrace, Harmonic, Phase, PrepareOptions, Solved};
 use crate::columns::Columns;
@@ -15,6 +16,9 @@ const MANY: usize = 256;
 
 /// Columns of the harmonic field: the components of a quaternion.
 const FIELD: usize = 4;
+
+/// Frames of the past that a guess is made of: fields are smooth, so f32 will do for them, at half the memory.
+const DEPTH: usize = 8;
 
 /// The first half of a frame: a prepared harmonic system and all buffers up to U.
 pub struct DifferentialCoordinates {
@@ -30,6 +34,7 @@ pub struct DifferentialCoordinates {
     turns: Vec<Turn>,
     /// U, n x 3.
     rhs: Vec<f64>,
+    prediction: Option<Prediction<f32>>,
     /// Vertices in no system: their field is 0 for good.
     outside: usize,
     replaced: usize,
@@ -67,6 +72,7 @@ impl DifferentialCoordinates {
             quaternions: vec![Quaternion::default(); n],
             turns: vec![Turn::default(); fragments.triangles()],
             rhs: vec![0.0; 3 * n],
+            prediction: None,
             outside: problem.pieces.outside(),
             replaced: 0,
             problem: problem.clone(),
@@ -74,6 +80,12 @@ impl DifferentialCoordinates {
             fragments,
             team,
         })
+    }
+
+    /// From now on every field starts from a combination of the last ones, which have relative residuals of `tolerance`.
+    pub(super) fn predict(&mut self, tolerance: f64) {
+        let (rows, n) = (self.values.len() / FIELD, self.quaternions.len());
+        self.prediction = Some(Prediction::new(rows, n, FIELD, DEPTH, tolerance));
     }
 
     /// Computes U for the template positions `template`; it is in [`trace`](Self::trace) then. No allocation.
@@ -97,8 +109,14 @@ impl DifferentialCoordinates {
         self.pose(template)?;
         on(FrameStep::Field);
         let (n, rows) = (self.quaternions.len(), self.values.len() / FIELD);
+        if let Some(prediction) = &mut self.prediction {
+            prediction.guess(&mut self.team, &self.values, &mut self.field);
+        }
         let values = Columns::new(&self.values[..], rows, FIELD);
         let solved = self.harmonic.solve(values, Columns::new(&mut self.field, n, FIELD))?;
+        if let Some(prediction) = &mut self.prediction {
+            prediction.remember(&mut self.team, &self.field);
+        }
         on(FrameStep::Fragments);
         self.break_apart();
         Ok(solved)
@@ -125,6 +143,11 @@ impl DifferentialCoordinates {
         (Posed { problem, poses, quaternions }, team)
     }
 
+    /// U of the last pose, with the team free for work of the caller.
+    pub(super) fn rhs_with_team(&mut self) -> (&[f64], &mut Team) {
+        (&self.rhs, &mut self.team)
+    }
+
     /// Constraint values, field and U of the last pose.
     pub fn trace(&self) -> FrameTrace<'_> {
         let Self { values, field, rhs, replaced, .. } = self;
@@ -137,7 +160,8 @@ impl DifferentialCoordinates {
             + self.field.len()
             + self.rhs.len()
             + 4 * (self.quaternions.len() + self.turns.len());
-        let buffers = (8 * numbers + self.fragments.bytes()) as u64;
+        let past = self.prediction.as_ref().map_or(0, Prediction::bytes);
+        let buffers = (8 * numbers + self.fragments.bytes() + past) as u64;
         let harmonic = self.harmonic.footprint();
         Footprint { host_bytes: harmonic.host_bytes.map(|bytes| bytes + buffers), ..harmonic }
     }

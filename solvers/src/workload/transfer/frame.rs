@@ -2,6 +2,7 @@
 
 use super::differential::DifferentialCoordinates;
 use super::marks::centroid;
+use super::prediction::Prediction;
 use super::{TransferError, TransferProblem};
 use crate::backend::{
     Backend, Footprint, FrameStep, FrameTrace, Phase, PrepareOptions, Solved, TransferFrame,
@@ -15,12 +16,16 @@ use crate::vector::{add, scale, sub};
 /// Columns of step 5: coordinates.
 const SPACE: usize = 3;
 
+/// Frames of the past that a guess is made of.
+const DEPTH: usize = 6;
+
 /// Whole frames: owns both prepared systems and all buffers; a frame allocates nothing.
 pub struct Transfer {
     differential: DifferentialCoordinates,
     poisson: Poisson,
     /// Step 5 before the translation, n x 3; the initial guess of the next frame.
     solution: Vec<f64>,
+    prediction: Option<Prediction<f64>>,
     shifts: Vec<[f64; 3]>,
 }
 
@@ -42,7 +47,18 @@ impl Transfer {
         let differential = DifferentialCoordinates::prepare(backend, problem, order.as_deref(), on)?;
         let solution = vec![0.0; SPACE * positions.len()];
         let shifts = vec![[0.0; 3]; problem.pieces.marks_of().len()];
-        Ok(Self { differential, poisson, solution, shifts })
+        Ok(Self { differential, poisson, solution, prediction: None, shifts })
+    }
+
+    /// For backends that iterate: both solves of a frame start from the combination of past frames whose right-hand sides
+    /// come nearest (eight fields, six poses), not from the last frame alone. `tolerance` is the relative residual that
+    /// the backend stops at.
+    #[must_use]
+    pub fn predicting(mut self, tolerance: f64) -> Self {
+        let n = self.solution.len() / SPACE;
+        self.differential.predict(tolerance);
+        self.prediction = Some(Prediction::new(n, n, SPACE, DEPTH, tolerance));
+        self
     }
 
     /// The problem that was prepared.
@@ -102,8 +118,15 @@ impl TransferFrame for Transfer {
         assert_eq!(target.len(), n, "target: one position per vertex");
         let field = self.differential.observed(template, on)?;
         on(FrameStep::Positions);
+        if let Some(prediction) = &mut self.prediction {
+            let (rhs, team) = self.differential.rhs_with_team();
+            prediction.guess(team, rhs, &mut self.solution);
+        }
         let rhs = Columns::new(self.differential.trace().rhs, n, SPACE);
         let space = self.poisson.solve(rhs, Columns::new(&mut self.solution, n, SPACE))?;
+        if let Some(prediction) = &mut self.prediction {
+            prediction.remember(self.differential.rhs_with_team().1, &self.solution);
+        }
         on(FrameStep::Placement);
         self.place(target);
         Ok(worse(field, space))
@@ -116,8 +139,10 @@ impl TransferFrame for Transfer {
     fn footprint(&self) -> Footprint {
         let (a, b) = (self.differential.footprint(), self.poisson.footprint());
         let sum = |x: Option<u64>, y: Option<u64>| Some(x? + y?);
+        let past = self.prediction.as_ref().map_or(0, Prediction::bytes);
+        let own = (8 * self.solution.len() + past) as u64;
         Footprint {
-            host_bytes: sum(a.host_bytes, b.host_bytes).map(|bytes| bytes + 8 * self.solution.len() as u64),
+            host_bytes: sum(a.host_bytes, b.host_bytes).map(|bytes| bytes + own),
             device_bytes: sum(a.device_bytes, b.device_bytes),
             factor_nonzeros: sum(a.factor_nonzeros, b.factor_nonzeros),
             factor_bytes: sum(a.factor_bytes, b.factor_bytes),

@@ -17,6 +17,7 @@ pub mod fragments;
 mod frame;
 pub mod marks;
 mod pieces;
+mod prediction;
 #[cfg(test)]
 mod tests;
 
