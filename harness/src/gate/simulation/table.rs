@@ -178,6 +178,7 @@ mod tests {
         assert_eq!(row(Noise::Normal, 0.20).regressed, RUNS);
         assert!(row(Noise::Normal, -0.05).improved >= 170);
         assert_eq!(row(Noise::OneSided, 0.0).contaminated, RUNS);
-        assert!(row(Noise::Neighbour, 0.20).regressed >= 120);
+        let beside = row(Noise::Neighbour, 0.20); // 63% of 1,000; the others CONTAMINATED, none SAME
+        assert!(beside.regressed >= 100 && beside.same == 0, "{beside:?}");
     }
 }
