@@ -93,7 +93,8 @@ fn coarsening(
     move |workers, a| {
         let f = Filtered::new(a);
         let cells = Cells::new(&f);
-        if cells.count() as f64 > WORTHWHILE * a.n() as f64 {
+        // No cells at all: every row is its own (a mass matrix, nearly).
+        if cells.count() == 0 || cells.count() as f64 > WORTHWHILE * a.n() as f64 {
             return None;
         }
         let p = match &points {

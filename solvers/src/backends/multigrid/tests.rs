@@ -116,6 +116,11 @@ fn a_dominant_diagonal_needs_no_levels() {
     let triplets: Vec<_> =
         (0..20_000u32).map(|i| (i, i, 1.0)).chain((1..20_000).map(|i| (i - 1, i, -1e-3))).collect();
     let matrix = SymmetricCsr::from_triplets(20_000, &triplets).expect("an upper triangle");
+    let points: Vec<[f64; 3]> = (0..20_000).map(|i| [f64::from(i), 0.0, 0.0]).collect();
+    for id in ALL {
+        let system = System::new(matrix.clone(), Some(points.clone())).expect("a positive diagonal");
+        iterations(&mut *prepare(id, &system), system.matrix()).expect("converges");
+    }
     let system = System::new(matrix, None).expect("a positive diagonal");
     let count = iterations(&mut *prepare("cg-amg", &system), system.matrix()).expect("converges");
     assert!(count <= 4, "{count} iterations");
