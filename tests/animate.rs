@@ -5,7 +5,7 @@ use lapbench::mesh_io::frames::{self, Frames};
 use lapbench::mesh_io::{npy, read_mesh, write_mesh};
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::rotation::{about_axis, product, rotate};
-use lapsolve::vector::{Vector, add, distance_squared, scale};
+use lapsolve::vector::{Vector, add, distance_squared, scale, sub};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -138,6 +138,32 @@ fn rest_is_exact_rigid_motions_are_rigid_and_every_form_is_written() {
 }
 
 #[test]
+fn arap_on_top_distorts_fewer_edges_and_leaves_rest_alone() {
+    let scene = Scene::new();
+    let rest = scene.template.positions().to_vec();
+    // Bent at the waist by 80 degrees.
+    let bend = |p: &Vector| match p[1] {
+        y if y > 1.0 => add(rotate(about_axis(0, 1.4 * ((y - 1.0) / 0.15).min(1.0)), sub(*p, WAIST)), WAIST),
+        _ => *p,
+    };
+    scene.frames("f.npy", &[rest.clone(), rest.iter().map(bend).collect()]);
+    let distorted = |arap: u32| -> Vec<f64> {
+        let (code, _, stderr) =
+            scene.transfer(&format!("--frames @/f.npy --arap {arap} --statistics @/s.csv --out @/o.npy"));
+        assert_eq!(code, 0, "{stderr}");
+        let table = std::fs::read_to_string(scene.path("s.csv")).expect("statistics");
+        table.lines().skip(1).map(|row| row.split(',').nth(6).unwrap().parse().unwrap()).collect()
+    };
+    let plain = distorted(0);
+    let stiff = distorted(10);
+    assert!(apart(&scene.target, scene.read("o.npy").frame(0), scene.target.positions()) < 1e-9);
+    assert!(plain[1] > 0.001 && stiff[1] < 0.8 * plain[1], "{plain:?} {stiff:?}");
+}
+
+/// About where the template bends.
+const WAIST: Vector = [0.0, 1.05, 0.0];
+
+#[test]
 fn play_counts_late_frames() {
     let scene = Scene::new();
     scene.frames("f.npy", &[scene.template.positions().to_vec(), scene.template.positions().to_vec()]);
@@ -181,6 +207,9 @@ fn unusable_input_is_named_and_nothing_is_left() {
     let rest = scene.template.positions().to_vec();
     scene.frames("f.npy", std::slice::from_ref(&rest));
     npy::write(&scene.path("none.npy"), &[0, rest.len(), 3], &[]).unwrap();
+    let mut hole = rest.clone();
+    hole.iter_mut().for_each(|p| p[1] = f64::NAN);
+    scene.frames("hole.npy", &[rest.clone(), rest.clone(), hole]);
     scene.frames("short.npy", &[rest[1..].to_vec()]);
     std::fs::write(scene.path("far.csv"), "0,0\n1,999999\n").unwrap();
     std::fs::write(scene.path("empty.csv"), "template,target\n").unwrap();
@@ -224,6 +253,7 @@ fn unusable_input_is_named_and_nothing_is_left() {
         ("t.ply", "flat.ply", "zero area"),
         ("--out @/new", "--out @/new --frames @/short.npy", "shape"),
         ("--out @/new", "--out @/new --frames @/none.npy", "shape [0"),
+        ("--out @/new", "--out @/new --frames @/hole.npy", "NaN or infinite"),
         ("--out @/new", "--out @/new --frames @/torn", "frame_0001.ply: has other triangles"),
         ("--out @/new", "--out @/new --frames @/cut.bvh", "has no frames"),
         ("--out @/new", "--out @/new --frames @/bare.bvh", "joint `a` has no CHANNELS"),

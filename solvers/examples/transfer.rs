@@ -4,10 +4,9 @@
 //! `cargo run --release -p lapsolve --example transfer`
 
 use lapsolve::backend::TransferFrame;
-use lapsolve::laplacian::Weights;
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{self, OpenOptions};
-use lapsolve::workload::transfer::{Transfer, TransferProblem};
+use lapsolve::workload::transfer::Transfer;
 use std::error::Error;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -16,9 +15,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pairs: Vec<(u32, u32)> = (0..40)
         .flat_map(|ring| [0, 6].map(|i| (2 * (12 * ring + i), 2 * (72 * 10 * ring + 6 * i))))
         .collect();
-    let problem = TransferProblem::new(&template, target.clone(), &pairs, Weights::Plain)?;
     let backend = (registry::find("framechol-f64").ok_or("not built in")?.open)(&OpenOptions::default())?;
-    let mut transfer = Transfer::prepare(&*backend, &problem, &mut |_| {})?; // once
+    let mut transfer = Transfer::new(&*backend, &template, target.clone(), &pairs)?; // once
 
     let mut moved = target.positions().to_vec();
     for degrees in [0.0, 30.0, 60.0, 90.0] {

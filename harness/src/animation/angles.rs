@@ -187,11 +187,12 @@ mod tests {
         for (i, x) in noisy.values.iter_mut().enumerate() {
             *x += if i % 9 < 3 { 0.0 } else { 0.8 * ((i * i) as f64 * 0.7).sin() }; // shake
         }
+        // 90 degrees and more about every axis: 140 would be near the other description of the same rotation.
         for k in [57, 58, 171] {
             noisy.values[9 * k + 3..9 * k + 9]
                 .iter_mut()
                 .enumerate()
-                .for_each(|(i, x)| *x += 140.0 + 9.0 * i as f64);
+                .for_each(|(i, x)| *x += 90.0 + 9.0 * i as f64);
             noisy.values[9 * k] += 0.5;
         }
         let (result, cleaning) = cleaned(&noisy, 3.0);

@@ -56,6 +56,8 @@ pub struct Figure {
 const TOES: f64 = 0.02;
 /// Share of the height from the toes at which the shin begins.
 const ANKLE: f64 = 0.16;
+/// Share of the height by which the head may lie beside both hands.
+const ASIDE: f64 = 0.1;
 /// Least share of all vertices that one component must have.
 const WHOLE: f64 = 0.6;
 
@@ -111,9 +113,12 @@ impl Figure {
         };
         let [hands, feet] = [left_first([c, d]), left_first([a, b])];
         let order = [0, hands[0], hands[1], feet[0], feet[1]];
+        let side = |k: usize| dot(at(self, order[k]), self.frame.left);
+        let aside = (side(0) - side(1)).max(side(2) - side(0));
         let above = |k: usize| at(self, order[k])[up] - at(self, feet[0])[up].max(at(self, feet[1])[up]);
-        // Hands at the feet, or a head that is no higher than the hands reach down: no standing figure.
-        if above(0) < 0.5 * self.height || above(1).min(above(2)) < 0.15 * self.height {
+        // Hands at the feet, a head that is no higher than the hands reach down or not between them: no standing figure.
+        let low = above(0) < 0.5 * self.height || above(1).min(above(2)) < 0.15 * self.height;
+        if low || aside > ASIDE * self.height {
             return Err(NoFigure::NoTips);
         }
         self.tips = order.map(|k| self.tips[k]);

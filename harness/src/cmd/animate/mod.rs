@@ -6,6 +6,7 @@ mod retarget;
 mod skeleton;
 mod solver;
 mod statistics;
+mod stiff;
 mod template;
 mod transfer;
 

@@ -55,7 +55,7 @@ struct CleaningArgs {
     #[arg(long, value_name = "VARIANCE", value_parser = not_negative)]
     threshold: Option<f64>,
     /// Weight of the second difference against the captured angles; 0 leaves them as they are
-    #[arg(long, value_name = "LAMBDA", default_value_t = LAMBDA, value_parser = not_negative)]
+    #[arg(long, allow_negative_numbers = true, value_name = "LAMBDA", default_value_t = LAMBDA, value_parser = not_negative)]
     lambda: f64,
     /// The cleaned motion as a BVH file
     #[arg(long, value_name = "FILE.bvh")]

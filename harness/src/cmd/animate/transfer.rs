@@ -4,6 +4,7 @@ use super::outputs::{Animation, OutputArgs, rate};
 use super::skeleton::SkeletonArgs;
 use super::solver::SolverArgs;
 use super::statistics;
+use super::stiff::Frames;
 use super::template::{Template, generated};
 use crate::animation::correspondences::{self, Pair, Proposal};
 use crate::body::{self, Body};
@@ -16,12 +17,11 @@ use crate::report::rows::Rows;
 use crate::statistics::percentiles;
 use crate::vector::Vector;
 use anyhow::{Context as _, bail};
-use lapsolve::backend::TransferFrame;
 use lapsolve::laplacian::Weights;
 use lapsolve::mesh::TriangleMesh;
 use lapsolve::vector::{distance_squared, norm};
+use lapsolve::workload::transfer::TransferProblem;
 use lapsolve::workload::transfer::defaults::{DEFAULT_MARKS, default_marks, thinned};
-use lapsolve::workload::transfer::{self, TransferProblem};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -48,6 +48,9 @@ pub struct Args {
     target: String,
     #[command(flatten)]
     marks: MarkArgs,
+    /// Iterations of as-rigid-as-possible deformation on top of every frame: fewer edges are stretched or squeezed
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    arap: u32,
     /// Start a frame HZ times a second, on a schedule, and say how many were late
     #[arg(long, value_name = "HZ", value_parser = rate)]
     play: Option<f64>,
@@ -116,8 +119,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let mut rows = Rows::new(["figure", "value"]);
     describe(&problem, &mut rows);
     let begin = Instant::now();
-    let options = lapsolve::backend::PrepareOptions::columns(3);
-    let frames = transfer::prepare(&*backend, &problem, &options, &mut |_| {})?;
+    let frames = Frames::prepare(&*backend, &problem, args.arap)?;
     rows.push(["set-up", &format!("{:.0} ms", begin.elapsed().as_secs_f64() * 1e3)]);
     let rate = template.rate;
     let pose = template.mesh.positions().to_vec();
@@ -253,7 +255,7 @@ fn describe(problem: &TransferProblem, rows: &mut Rows) {
 struct Moving {
     template: Template,
     problem: TransferProblem,
-    frames: Box<dyn TransferFrame>,
+    frames: Frames,
     pose: Vec<Vector>,
 }
 
@@ -279,7 +281,7 @@ impl Animation for Moving {
         let begin = Instant::now();
         self.frames.frame(&self.pose, positions)?;
         let latency = begin.elapsed().as_nanos() as u64;
-        Ok((latency, self.frames.trace().map_or(0, |trace| trace.replaced)))
+        Ok((latency, self.frames.replaced()))
     }
 }
 

@@ -69,6 +69,20 @@ fn validated(text: &[u8]) -> Result<Document, Error> {
             return Err(Error::Validation(vec![(place, json::validation::Error::IndexOutOfBounds)]));
         }
     }
+    // It does not look at what the channels of animations move.
+    let channels = root.animations.iter().flat_map(|animation| &animation.channels);
+    for target in channels.map(|channel| &channel.target) {
+        let place = json::Path::new().field("animations").field("channels").field("target");
+        if target.node.value() >= root.nodes.len() {
+            return Err(Error::Validation(vec![(
+                place.field("node"),
+                json::validation::Error::IndexOutOfBounds,
+            )]));
+        }
+        if target.path == json::validation::Checked::Invalid {
+            return Err(Error::Validation(vec![(place.field("path"), json::validation::Error::Invalid)]));
+        }
+    }
     Document::from_json(root)
 }
 

@@ -9,6 +9,8 @@ use crate::backend::{
 };
 use crate::columns::Columns;
 use crate::error::SolveError;
+use crate::laplacian::Weights;
+use crate::mesh::TriangleMesh;
 use crate::poisson::Poisson;
 use crate::rotation::rotate;
 use crate::vector::{add, scale, sub};
@@ -30,6 +32,21 @@ pub struct Transfer {
 }
 
 impl Transfer {
+    /// Everything in one: [`TransferProblem::new`] with plain weights for correspondences (template triangle, target
+    /// triangle), and [`prepare`](Self::prepare). Then call [`TransferFrame::frame`] for every pose of the template.
+    ///
+    /// # Errors
+    /// [`TransferError`] naming the pair, or with what the backend says.
+    pub fn new(
+        backend: &dyn Backend,
+        template: &TriangleMesh,
+        target: TriangleMesh,
+        pairs: &[(u32, u32)],
+    ) -> Result<Self, TransferError> {
+        let problem = TransferProblem::new(template, target, pairs, Weights::Plain)?;
+        Self::prepare(backend, &problem, &mut |_| {})
+    }
+
     /// Prepares both systems on `backend`. The elimination order of the Poisson system is used for the harmonic one, too,
     /// which lacks a few more rows; so it is computed once.
     ///
