@@ -63,6 +63,8 @@ struct Column {
 pub struct Border {
     /// Four columns of W each, one row per vertex.
     blocks: Vec<Vec<f64>>,
+    /// Blocks of earlier edits, for new ones: fresh memory would cost a quarter of the solve that fills it.
+    spare: Vec<Vec<f64>>,
     columns: Vec<Column>,
     lu: Lu,
     /// Room for the small right-hand side: one row per column.
@@ -88,8 +90,9 @@ pub struct Base<'a, M> {
 impl Border {
     /// No edits; room for fields of `max_columns` columns.
     pub fn new(max_columns: usize) -> Self {
+        let (blocks, spare, columns) = (Vec::new(), Vec::new(), Vec::new());
         let (z, factors) = (Vec::new(), Vec::new());
-        Self { blocks: Vec::new(), columns: Vec::new(), lu: Lu::default(), z, factors, max_columns }
+        Self { blocks, spare, columns, lu: Lu::default(), z, factors, max_columns }
     }
 
     /// Whether the base's constraints are in force.
@@ -99,11 +102,17 @@ impl Border {
 
     /// Back to the base.
     pub fn clear(&mut self) {
-        *self = Self::new(self.max_columns);
+        self.columns.clear();
+        self.spare.append(&mut self.blocks);
     }
 
-    /// Bytes held and read in every frame.
+    /// Bytes held.
     pub fn bytes(&self) -> u64 {
+        self.blocks.iter().chain(&self.spare).map(|block| size_of_val(&block[..]) as u64).sum()
+    }
+
+    /// Bytes read in every frame.
+    pub fn bytes_per_frame(&self) -> u64 {
         self.blocks.iter().map(|block| size_of_val(&block[..]) as u64).sum()
     }
 
@@ -137,9 +146,11 @@ impl Border {
         added.iter().for_each(|&v| append(v, Change::Added));
         for from in (first..self.columns.len()).step_by(LANES) {
             let group = &self.columns[from..self.columns.len().min(from + LANES)];
-            match solve(base, group) {
-                Some(block) => self.blocks.push(block),
-                None => return false,
+            let mut block = self.spare.pop().unwrap_or_else(|| zeros(LANES * base.order.len()));
+            let finite = solve(base, group, &mut block);
+            self.blocks.push(block);
+            if !finite {
+                return false;
             }
         }
         self.z = vec![0.0; self.columns.len() * self.max_columns];
@@ -151,7 +162,7 @@ impl Border {
     fn drop_dead_blocks(&mut self) {
         for block in (0..self.blocks.len()).rev() {
             if !self.columns.iter().any(|c| c.slot / LANES == block) {
-                self.blocks.remove(block);
+                self.spare.push(self.blocks.remove(block));
                 let above = self.columns.iter_mut().filter(|c| c.slot / LANES > block);
                 above.for_each(|c| c.slot -= LANES);
             }
@@ -257,8 +268,9 @@ fn rows_of(matrix: &SymmetricCsr, vertices: &[u32]) -> Vec<Vec<(u32, f64)>> {
     rows
 }
 
-/// K times the border's columns of `group`: n x LANES, zero at the base's constraints and in lanes without a column.
-fn solve<M: Method>(base: &mut Base<'_, M>, group: &[Column]) -> Option<Vec<f64>> {
+/// Writes K times the border's columns of `group` to `block`: n x LANES, zero at the base's constraints and in lanes without a
+/// column. Returns whether all of it is finite.
+fn solve<M: Method>(base: &mut Base<'_, M>, group: &[Column], block: &mut [f64]) -> bool {
     let mut entries = Vec::new();
     for (lane, column) in group.iter().enumerate() {
         match &column.change {
@@ -274,11 +286,9 @@ fn solve<M: Method>(base: &mut Base<'_, M>, group: &[Column]) -> Option<Vec<f64>
     entries.sort_by_key(|e| (e.0, e.1));
     let reach = base.method.reach(entries.iter().map(|e| e.0));
     let n = base.order.len();
-    let mut block = zeros(LANES * n);
-    let mut out = Columns::new(&mut block[..], n, LANES);
+    let mut out = Columns::new(block, n, LANES);
     let source = Sparse { entries: &entries, reach: &reach };
-    let answer = base.method.solve(&source, base.order, &Output::new(&mut out), LANES);
-    answer.finite.then_some(block)
+    base.method.solve(&source, base.order, &Output::new(&mut out), LANES).finite
 }
 
 /// A sparse right-hand side.

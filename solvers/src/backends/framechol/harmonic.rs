@@ -168,11 +168,11 @@ impl<M: Method> Harmonic for HarmonicField<M> {
     fn footprint(&self) -> Footprint {
         let laplacian = self.constraints.laplacian();
         let own = 12 * laplacian.n() + 20 * laplacian.stored() + 20 * self.coupling.entries.len();
-        let border = self.border.bytes();
+        let (border, read) = (self.border.bytes(), self.border.bytes_per_frame());
         let mut footprint = self.method.footprint();
         footprint.host_bytes = footprint.host_bytes.map(|bytes| bytes + own as u64 + border);
         footprint.bytes_per_solve =
-            footprint.bytes_per_solve.map(|bytes| bytes - self.reach.skipped_bytes + border);
+            footprint.bytes_per_solve.map(|bytes| bytes - self.reach.skipped_bytes + read);
         footprint
     }
 }

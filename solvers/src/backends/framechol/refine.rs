@@ -461,10 +461,12 @@ impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Round<'_, S, W> {
 
     #[inline(always)]
     fn run<F: Features>(self) {
+        let mut most = *self.most; // in a register
         for (work, residual) in self.work.iter_mut().zip(self.residual) {
             *work = narrow::<S, W>(residual, self.scale);
-            keep_largest::<W>(self.most, residual);
+            keep_largest::<W>(&mut most, residual);
         }
+        *self.most = most;
     }
 }
 
