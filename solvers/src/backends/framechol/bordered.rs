@@ -125,6 +125,9 @@ impl Border {
             list.binary_search(&c.vertex).is_ok()
         });
         self.drop_dead_blocks();
+        if added.is_empty() && removed.is_empty() {
+            self.spare = Vec::new(); // edits that were taken back leave nothing behind
+        }
         let known: Vec<u32> = self.columns.iter().map(|c| c.vertex).collect();
         let new = |list: Vec<u32>| list.into_iter().filter(|v| !known.contains(v)).collect::<Vec<_>>();
         let (added, removed) = (new(added), new(removed));

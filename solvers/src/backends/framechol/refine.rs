@@ -44,7 +44,7 @@ pub struct Refinement {
     other: Aligned<f32>,
     /// The sum of all steps but the last, from the third pair on.
     solution: Aligned<f64>,
-    /// (A d)_i from the thread's own columns, for the rows of the top.
+    /// (A d)_i from the thread's own columns, for the rows of the top; longer for narrow groups, like all buffers.
     partial: Aligned<f64>,
     matrix: Rows,
     norms: Norms,
@@ -350,7 +350,9 @@ impl Refined {
             let pivots = symbolic.parts[t].pivots();
             let work = &*S::rows(&mut share.slab);
             let Refinement { residual, other, solution, partial, matrix, norms } = &mut share.extra;
-            isa.run(Product::<S, W> { matrix, first: pivots, work, out: W::rows(partial) });
+            // Buffers are made for the widest group and have more rows for a narrow one.
+            let out = &mut W::rows(partial)[..symbolic.parts[t].slab as usize - pivots];
+            isa.run(Product::<S, W> { matrix, first: pivots, work, out });
             *norms = isa.run(Judge::<S, W> {
                 matrix,
                 rows: 0..pivots,

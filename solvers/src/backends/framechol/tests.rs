@@ -99,6 +99,23 @@ fn fronts_wider_than_a_strip_are_solved() {
 }
 
 #[test]
+fn few_columns_of_a_wide_handle_are_solved() {
+    let (n, edges) = mesh(40);
+    let a = matrix(n, &edges);
+    let system = System::new(a.clone(), None).expect("a valid system");
+    for (id, backend) in backends(2) {
+        let mut factor =
+            backend.prepare(&system, &PrepareOptions::columns(8), &mut |_| {}).expect("positive definite");
+        for k in [8, 1, 3, 4, 5, 7, 11] {
+            let (b, mut x) = (right_hand_side(n, k), vec![f64::NAN; n * k]);
+            factor.solve(Columns::new(&b[..], n, k), Columns::new(&mut x[..], n, k)).expect("finite");
+            let residual = Residual::measure(&a, Columns::new(&x[..], n, k), Columns::new(&b[..], n, k));
+            assert!(residual.backward_error < 1e-6, "{id}, {k} columns: {residual:?}");
+        }
+    }
+}
+
+#[test]
 fn stars_diagonals_and_single_rows_are_solved() {
     let star = |n: u32| (1..n).map(|v| (n / 2, v - 1)).collect::<Vec<_>>();
     let two_stars = |n: u32| {
