@@ -167,7 +167,7 @@ impl<T: Real> Prediction<T> {
     }
 }
 
-/// Rows from `first` on of the combination: row i is sum over s and j of solutions_s[i][j] (weights of column s K + j).
+/// Rows from `first` on of the combination: row i is the sum over s and j of `solutions_s[i][j] weights[s K + j]`.
 fn combine<T: Real, const K: usize>(solutions: &[Vec<T>], weights: &[f64], first: usize, x: &mut [[f64; K]]) {
     x.fill([0.0; K]);
     let weights = weights.as_chunks::<K>().0.as_chunks::<K>().0;
