@@ -100,7 +100,8 @@ mod tests {
             watch.end(&mut seen);
             seen
         };
-        let (neighbour, own) = (watched(std::process::id()), watched(spinner.id()));
+        const NO_CHILD: u32 = u32::MAX; // above every process
+        let (neighbour, own) = (watched(NO_CHILD), watched(spinner.id()));
         spinner.kill().unwrap();
         spinner.wait().unwrap();
         assert_eq!((neighbour.rounds, neighbour.contended), (1, 1), "{neighbour:?}");
