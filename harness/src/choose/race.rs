@@ -90,8 +90,9 @@ const SET_UP_SHARE: f64 = 0.03;
 /// A first solve touches its memory for the first time; later ones take at least this share of it.
 const WARM_SHARE: f64 = 0.25;
 
-/// Longest wait for one answer of the first candidate, which nothing bounds yet, and of later ones.
-const FIRST_CAP: Duration = Duration::from_secs(120);
+/// Longest wait for one answer of the first candidate, which nothing bounds yet, and of later ones. The first are those that
+/// should be fast; half a minute is five times what the fastest direct ones need to factor two million triangles.
+const FIRST_CAP: Duration = Duration::from_secs(30);
 const CAP: Duration = Duration::from_secs(8);
 
 /// Time that reading the system and starting take besides the work itself, at most.
