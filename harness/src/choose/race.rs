@@ -91,7 +91,7 @@ const SET_UP_SHARE: f64 = 0.03;
 const WARM_SHARE: f64 = 0.25;
 
 /// Longest wait for one answer of the first candidate, which nothing bounds yet, and of later ones. The first are those that
-/// should be fast; half a minute is five times what the fastest direct ones need to factor two million triangles.
+/// are predicted to be fast: one that takes longer than half a minute would have to be predicted wrong.
 const FIRST_CAP: Duration = Duration::from_secs(30);
 const CAP: Duration = Duration::from_secs(8);
 
