@@ -48,7 +48,7 @@ unsafe impl Sync for Shared {}
 unsafe impl Send for Shared {}
 
 impl Team {
-    /// A team of `threads` (>= 1): the caller and `threads - 1` new threads, which start to wait at once.
+    /// A team of `threads` (>= 1): the caller and `threads - 1` new threads, which run and wait when this returns.
     ///
     /// # Errors
     /// Where the system refuses a thread.
@@ -68,6 +68,8 @@ impl Team {
             let name = format!("lapsolve-{number}");
             team.workers.push(thread::Builder::new().name(name).spawn(move || shared.work(number))?);
         }
+        // A thread allocates when it begins to run, which on a busy machine may be long after it was made: not in a frame.
+        team.run(&|_| {});
         Ok(team)
     }
 
