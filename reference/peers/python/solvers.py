@@ -11,6 +11,7 @@ A solver has `precision`, `accuracy` (what its answers are held to), `details()`
 import ctypes
 import importlib
 import importlib.metadata
+import time
 
 import numpy as np
 import scipy.sparse as sparse
