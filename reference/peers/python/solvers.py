@@ -228,7 +228,7 @@ class PyAmgRugeStuben(PyAmg):
 class CholesPy(Solver):
     """cholespy on the CPU: CHOLMOD's supernodal analysis, its own sweeps."""
 
-    kind, dtype = "CholeskySolverD", np.float64
+    class_name, dtype = "CholeskySolverD", np.float64
 
     def __init__(self, threads, tolerance):
         super().__init__(threads, tolerance)
@@ -236,10 +236,10 @@ class CholesPy(Solver):
         self.threads = 1
 
     def details(self):
-        return {"version": f"cholespy {self.version}", "class": self.kind}
+        return {"version": f"cholespy {self.version}", "class": self.class_name}
 
     def prepare(self, matrix, order):
-        make = getattr(self.cholespy, self.kind)
+        make = getattr(self.cholespy, self.class_name)
         self.solver = make(matrix.shape[0], matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32),
                            matrix.data.astype(self.dtype), self.cholespy.MatrixType.CSR)
 
@@ -253,7 +253,7 @@ class CholesPy(Solver):
 
 
 class CholesPySingle(CholesPy):
-    kind, dtype, precision = "CholeskySolverF", np.float32, "f32"
+    class_name, dtype, precision = "CholeskySolverF", np.float32, "f32"
 
 
 SOLVERS = {
