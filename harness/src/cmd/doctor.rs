@@ -43,7 +43,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if args.seconds > 0.0 {
         findings.extend(measured(&root, args.seconds, context));
     }
-    findings.extend(vulkan::installed(&root));
+    findings.extend(vulkan::installed(&root, |name| std::env::var_os(name)));
     findings.extend(vulkan::devices());
     findings.extend(software::backends(&context.backends));
     findings.extend(software::peers());

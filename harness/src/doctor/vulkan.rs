@@ -5,7 +5,8 @@ use crate::environment::Root;
 use crate::record::names::DeviceType;
 use lapsolve::devices::{VulkanDevice, vulkan_devices};
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 
 /// Folders where a Linux system keeps shared libraries.
 const LIBRARIES: [&str; 8] = [
@@ -27,20 +28,38 @@ const MANIFESTS: [&str; 4] = [
     "run/opengl-driver/share/vulkan/icd.d",
 ];
 
-/// Loader and drivers as files below `root`.
-pub fn installed(root: &Root) -> Vec<Finding> {
+/// Variables that name manifests to the loader: the first instead of its folders, the second (its former name) likewise,
+/// the third besides them. Each holds paths of files or folders, separated as in `PATH`.
+const VARIABLES: [&str; 3] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES"];
+
+/// Loader and drivers as files below `root`, and the drivers that the environment names.
+pub fn installed(root: &Root, variable: impl Fn(&str) -> Option<OsString>) -> Vec<Finding> {
     let loaders: Vec<String> = LIBRARIES
         .iter()
         .flat_map(|folder| root.entries(folder))
         .filter(|path| name(path).starts_with("libvulkan.so.1"))
         .map(|path| format!("/{}", path.strip_prefix(&root.0).unwrap_or(&path).display()))
         .collect();
-    let drivers: BTreeSet<String> = MANIFESTS
+    let [instead, formerly, besides] = VARIABLES.map(|name| variable(name).filter(|value| !value.is_empty()));
+    let mut named = Vec::new();
+    for value in instead.iter().chain(if instead.is_none() { formerly.iter() } else { None.iter() }).chain(&besides) {
+        named.extend(std::env::split_paths(value));
+    }
+    let replaced = instead.is_some() || formerly.is_some();
+    let searched = if replaced { &[][..] } else { &MANIFESTS[..] };
+    let (present, missing): (Vec<_>, Vec<_>) = named.into_iter().partition(|path| path.exists());
+    let of_folder = |path: PathBuf| match path.is_dir() {
+        true => std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect(),
+        false => vec![path],
+    };
+    let drivers: BTreeSet<String> = searched
         .iter()
         .flat_map(|folder| root.entries(folder))
+        .chain(present.into_iter().flat_map(of_folder))
         .map(|path| name(&path))
         .filter(|name| name.ends_with(".json"))
         .map(|name| name.trim_end_matches(".json").to_owned())
+        .chain(missing.iter().map(|path| format!("{} (named by the environment, does not exist)", path.display())))
         .collect();
     let list =
         |items: Vec<String>, none: &str| if items.is_empty() { none.to_owned() } else { items.join(", ") };
@@ -53,7 +72,7 @@ pub fn installed(root: &Root) -> Vec<Finding> {
         ),
         Finding::new(
             "Vulkan drivers",
-            Some(!drivers.is_empty()),
+            Some(drivers.len() > missing.len()),
             list(drivers.into_iter().collect(), "none"),
             "install the driver of your GPU (AMD, Intel: `apt-get install mesa-vulkan-drivers`, which has software Vulkan \
              for tests too; NVIDIA: its own driver)",
@@ -94,7 +113,7 @@ mod tests {
     #[test]
     fn nothing_installed_is_said_with_the_remedy() {
         let folder = tempfile::tempdir().unwrap();
-        let found = installed(&Root(folder.path().to_owned()));
+        let found = installed(&Root(folder.path().to_owned()), |_| None);
         assert!(found.iter().all(|f| f.good == Some(false) && f.remedy.is_some()), "{found:?}");
     }
 
@@ -109,8 +128,27 @@ mod tests {
         file("usr/lib64/libvulkan.so.1");
         file("usr/share/vulkan/icd.d/lvp_icd.x86_64.json");
         file("usr/share/vulkan/icd.d/README");
-        let found = installed(&Root(folder.path().to_owned()));
+        let found = installed(&Root(folder.path().to_owned()), |_| None);
         assert_eq!(found[0].found, "/usr/lib64/libvulkan.so.1");
         assert_eq!((found[1].found.as_str(), found[1].good), ("lvp_icd.x86_64", Some(true)));
+    }
+
+    #[test]
+    fn drivers_named_by_the_environment_take_the_place_of_the_folders() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = folder.path().join("own_icd.json");
+        std::fs::write(&own, "").unwrap();
+        let manifests = folder.path().join("usr/share/vulkan/icd.d");
+        std::fs::create_dir_all(&manifests).unwrap();
+        std::fs::write(manifests.join("lvp_icd.json"), "").unwrap();
+        let root = Root(folder.path().to_owned());
+        let drivers = |name: &'static str, value: OsString| {
+            let found = installed(&root, move |variable| (variable == name).then(|| value.clone()));
+            (found[1].found.clone(), found[1].good)
+        };
+        assert_eq!(drivers("VK_DRIVER_FILES", own.clone().into()), ("own_icd".into(), Some(true)));
+        assert_eq!(drivers("VK_ADD_DRIVER_FILES", own.into()), ("lvp_icd, own_icd".into(), Some(true)));
+        let (found, good) = drivers("VK_DRIVER_FILES", "/nonexistent/none.json".into());
+        assert!(found.starts_with("/nonexistent/none.json") && good == Some(false), "{found}");
     }
 }
