@@ -42,7 +42,9 @@ pub fn installed(root: &Root, variable: impl Fn(&str) -> Option<OsString>) -> Ve
         .collect();
     let [instead, formerly, besides] = VARIABLES.map(|name| variable(name).filter(|value| !value.is_empty()));
     let mut named = Vec::new();
-    for value in instead.iter().chain(if instead.is_none() { formerly.iter() } else { None.iter() }).chain(&besides) {
+    for value in
+        instead.iter().chain(if instead.is_none() { formerly.iter() } else { None.iter() }).chain(&besides)
+    {
         named.extend(std::env::split_paths(value));
     }
     let replaced = instead.is_some() || formerly.is_some();
@@ -59,7 +61,11 @@ pub fn installed(root: &Root, variable: impl Fn(&str) -> Option<OsString>) -> Ve
         .map(|path| name(&path))
         .filter(|name| name.ends_with(".json"))
         .map(|name| name.trim_end_matches(".json").to_owned())
-        .chain(missing.iter().map(|path| format!("{} (named by the environment, does not exist)", path.display())))
+        .chain(
+            missing
+                .iter()
+                .map(|path| format!("{} (named by the environment, does not exist)", path.display())),
+        )
         .collect();
     let list =
         |items: Vec<String>, none: &str| if items.is_empty() { none.to_owned() } else { items.join(", ") };

@@ -22,7 +22,7 @@ pub fn markdown(name: &str, result: &ResultFile) -> String {
     if !result.quotable {
         text += "Shortened run: not quotable.\n";
     }
-    text += "\nTime of a solve (`transfer`, `arap`: of a whole frame) / set-up, in ms; medians; \u{2013}: not done by this solver, or no right answer. Settings: *tuned* for this work, or the library's *default*.\n\n";
+    text += "\nTime of a solve (`transfer`, `arap`: of a whole frame) / set-up, in ms; medians; \u{2013}: not done by this solver, or no right answer. Settings: *tuned* for this work, or the library's *default*. \u{26a0}: other work ran at times; all solvers took turns, so ratios are fair, but the time may be too long.\n\n";
     text += &table(&view).render(Format::Markdown);
     let missing = missing(&view);
     if !missing.is_empty() {

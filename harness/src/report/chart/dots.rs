@@ -88,9 +88,20 @@ impl Dots {
             let Some(x) = axis.place(*at) else { continue };
             frame.draw(&PathElement::new(vec![(x, 0.0), (x, rows)], LIMIT))?;
             let (px, py) = frame.map_coordinate(&(x, rows));
-            text(area, name, (px, py - 4), (HPos::Center, VPos::Bottom))?;
+            text(area, name, (px, py - 4), (self.lean(*at), VPos::Bottom))?;
         }
         Ok(())
+    }
+
+    /// Names of the outermost limits lean outwards, so that those of 60 and 120 Hz do not overlap.
+    fn lean(&self, at: f64) -> HPos {
+        let lower = self.limits.iter().any(|(other, _)| *other < at);
+        let higher = self.limits.iter().any(|(other, _)| *other > at);
+        match (lower, higher) {
+            (true, false) => HPos::Left,
+            (false, true) => HPos::Right,
+            _ => HPos::Center,
+        }
     }
 }
 
@@ -136,7 +147,7 @@ mod tests {
         let dots = Dots {
             label: "ms".into(),
             panels: vec![panel],
-            limits: vec![(16.7, "60 Hz".into())],
+            limits: vec![(16.7, "60 Hz".into()), (8.3, "120 Hz".into())],
             ground: true,
         };
         let svg = dots.svg();
@@ -144,5 +155,7 @@ mod tests {
             assert!(svg.contains(words), "{words}: {svg}");
         }
         assert_eq!(svg.matches("<circle").count(), 1);
+        // Left of the left line, right of the right one.
+        assert!(matches!((dots.lean(8.3), dots.lean(16.7)), (HPos::Right, HPos::Left)));
     }
 }
