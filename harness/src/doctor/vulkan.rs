@@ -28,10 +28,6 @@ const MANIFESTS: [&str; 4] = [
     "run/opengl-driver/share/vulkan/icd.d",
 ];
 
-/// Variables that name manifests to the loader: the first instead of its folders, the second (its former name) likewise,
-/// the third besides them. Each holds paths of files or folders, separated as in `PATH`.
-const VARIABLES: [&str; 3] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES"];
-
 /// Loader and drivers as files below `root`, and the drivers that the environment names.
 pub fn installed(root: &Root, variable: impl Fn(&str) -> Option<OsString>) -> Vec<Finding> {
     let loaders: Vec<String> = LIBRARIES
@@ -40,16 +36,13 @@ pub fn installed(root: &Root, variable: impl Fn(&str) -> Option<OsString>) -> Ve
         .filter(|path| name(path).starts_with("libvulkan.so.1"))
         .map(|path| format!("/{}", path.strip_prefix(&root.0).unwrap_or(&path).display()))
         .collect();
-    let [instead, formerly, besides] = VARIABLES.map(|name| variable(name).filter(|value| !value.is_empty()));
-    let mut named = Vec::new();
-    for value in
-        instead.iter().chain(if instead.is_none() { formerly.iter() } else { None.iter() }).chain(&besides)
-    {
-        named.extend(std::env::split_paths(value));
-    }
-    let replaced = instead.is_some() || formerly.is_some();
-    let searched = if replaced { &[][..] } else { &MANIFESTS[..] };
-    let (present, missing): (Vec<_>, Vec<_>) = named.into_iter().partition(|path| path.exists());
+    let value = |name| variable(name).filter(|value| !value.is_empty());
+    // The second is the first's former name. Either takes the place of the loader's folders.
+    let instead = value("VK_DRIVER_FILES").or_else(|| value("VK_ICD_FILENAMES"));
+    let searched = if instead.is_some() { &[][..] } else { &MANIFESTS[..] };
+    let besides = value("VK_ADD_DRIVER_FILES");
+    let named = instead.iter().chain(&besides).flat_map(std::env::split_paths);
+    let (present, missing): (Vec<_>, Vec<_>) = named.partition(|path| path.exists());
     let of_folder = |path: PathBuf| match path.is_dir() {
         true => std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).collect(),
         false => vec![path],
