@@ -115,6 +115,15 @@ pub trait Factor: Send {
         false
     }
 
+    /// Repeats the last solve with a timestamp between its phases on the device: (name, nanoseconds) in their order. Not for
+    /// frames: it allocates. Empty (provided) where there is no device, or none that tells.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
+        Ok(Vec::new())
+    }
+
     /// What the handle holds and moves.
     fn footprint(&self) -> Footprint;
 }
@@ -153,6 +162,14 @@ pub trait Harmonic: Send {
     fn observe(&mut self, observer: Option<Box<dyn FnMut(u32, f64) + Send>>) -> bool {
         let _ = observer;
         false
+    }
+
+    /// As [`Factor::device_phases`].
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
+        Ok(Vec::new())
     }
 
     /// What the handle holds and moves.

@@ -349,6 +349,10 @@ impl Harmonic for ReducedHarmonic {
         self.factor.as_mut().is_some_and(|factor| factor.observe(observer))
     }
 
+    fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
+        self.factor.as_mut().map_or(Ok(Vec::new()), |factor| factor.device_phases())
+    }
+
     fn footprint(&self) -> Footprint {
         self.factor.as_ref().map(|f| f.footprint()).unwrap_or_default()
     }

@@ -255,7 +255,7 @@ pub struct Timed {
     /// Time on the device, per repetition, where it has a clock of its own.
     #[serde(default)]
     pub device_ns: Vec<u64>,
-    /// Parts of a frame by name, one entry per timed repetition, where the peer tells them apart.
+    /// Parts of a frame or solve by name, where the peer tells them apart: an entry per timed repetition, or fewer.
     #[serde(default)]
     pub steps_ns: BTreeMap<String, Vec<u64>>,
 }

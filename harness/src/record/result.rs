@@ -70,7 +70,8 @@ pub struct Cell {
     pub solve_ns: Summary,
     /// Whole `transfer` frames, x kept from frame to frame.
     pub frame_ns: Summary,
-    /// Medians of the parts of a `transfer` frame by name, where the backend's frames tell them apart.
+    /// Medians by name: of the parts of a `transfer` frame where the backend tells them apart; of the phases of a solve on a
+    /// device (`device`: all of them as frames time them; `host`: the rest of the solve).
     pub steps_ns: BTreeMap<String, u64>,
     /// New values on the same pattern: update and refactor.
     pub update_ns: Summary,

@@ -134,14 +134,22 @@ pub fn reasons(cells: &[Cell]) -> String {
     lines
 }
 
-/// A line for every cell whose frames have parts: their medians in milliseconds, in the order of the frame.
+/// A line for every cell whose frames or solves have parts: their medians in milliseconds, in the order of the frame; the
+/// levels of a device's phase (`forward 00`, `forward 01`, ...) added up.
 pub fn steps(cells: &[Cell]) -> String {
     let mut lines = String::new();
     for cell in cells.iter().filter(|cell| !cell.steps_ns.is_empty()) {
-        let part = |step: &FrameStep| {
-            Some(format!("{} {}", step.name(), milliseconds(Some(*cell.steps_ns.get(step.name())?))))
-        };
-        let parts: Vec<String> = FrameStep::ALL.iter().filter_map(part).collect();
+        let mut sums: Vec<(&str, u64)> = Vec::new();
+        for (step, ns) in &cell.steps_ns {
+            let name = step.split(' ').next().unwrap_or(step);
+            match sums.last_mut() {
+                Some((last, sum)) if *last == name => *sum += ns,
+                _ => sums.push((name, *ns)),
+            }
+        }
+        sums.sort_by_key(|(name, _)| FrameStep::ALL.iter().position(|step| step.name() == *name));
+        let part = |(name, ns): &(&str, u64)| format!("{name} {}", milliseconds(Some(*ns)));
+        let parts: Vec<String> = sums.iter().map(part).collect();
         let Cell { mesh, workload, backend, threads, .. } = cell;
         let _ = writeln!(
             lines,

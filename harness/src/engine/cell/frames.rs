@@ -31,10 +31,7 @@ impl Running<'_> {
         self.next_frame += count;
         let timed = self.frames(&template, warmup)?;
         self.count(&timed);
-        self.samples.extend(&timed.samples_ns);
-        for (step, samples) in timed.steps_ns {
-            self.steps.entry(step).or_default().extend(samples);
-        }
+        self.keep(timed);
         self.check_frame(frames, last)
     }
 

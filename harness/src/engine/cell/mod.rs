@@ -20,6 +20,7 @@ mod solves;
 
 use super::bandwidth;
 use super::contention::Watch;
+use super::protocol::Timed;
 use super::session::{Failure, Session};
 use super::settings::Settings;
 use super::solver::Solver;
@@ -176,6 +177,14 @@ impl<'a> Running<'a> {
         };
         watch.end(&mut self.cell.contention);
         self.settle(outcome);
+    }
+
+    /// Adds steady repetitions and their parts to the samples.
+    fn keep(&mut self, timed: Timed) {
+        self.samples.extend(timed.samples_ns);
+        for (step, samples) in timed.steps_ns {
+            self.steps.entry(step).or_default().extend(samples);
+        }
     }
 
     /// New values and back again for about `time`, at least once. Where the solver cannot, the row says so and nothing is

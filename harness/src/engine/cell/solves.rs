@@ -24,7 +24,7 @@ impl Running<'_> {
     pub(super) fn steady_solves(&mut self, solve: &Solve, warmup: u32, times: u32) -> Result<(), Failure> {
         let timed = self.solve(&solve.input, warmup, times)?;
         self.count(&timed);
-        self.samples.extend(&timed.samples_ns);
+        self.keep(timed);
         self.check_solution(solve)
     }
 

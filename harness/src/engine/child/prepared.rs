@@ -18,6 +18,7 @@ use lapsolve::system::System;
 use lapsolve::workload::arap::{Arap, ArapError, ArapProblem};
 use lapsolve::workload::geodesic::{Geodesic, GeodesicError, GeodesicProblem};
 use lapsolve::workload::transfer::{self, TransferError, TransferProblem};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -181,9 +182,29 @@ impl Prepared {
         let (b, k) = (self.rhs(rhs)?, rhs.columns);
         let b = Columns::new(&b[..], self.inputs, k);
         let (n, mut x) = (self.outputs, vec![0.0; self.outputs * k]);
-        let timed = repeat(warmup, times, counts, |_| self.solve_once(b, Columns::new(&mut x[..], n, k)))?;
+        let mut timed =
+            repeat(warmup, times, counts, |_| self.solve_once(b, Columns::new(&mut x[..], n, k)))?;
+        timed.steps_ns = self.device_steps(&timed)?;
         ArrayFile::write(solution, &x, k)?;
         Ok(timed)
+    }
+
+    /// Where the timed solves ran on a device: their time there, the rest, and the phases of one more.
+    fn device_steps(&mut self, timed: &Timed) -> Result<BTreeMap<String, Vec<u64>>, Refusal> {
+        if timed.device_ns.len() != timed.samples_ns.len() {
+            return Ok(BTreeMap::new());
+        }
+        let phases = match &mut self.handle {
+            Handle::System(factor) => factor.device_phases()?,
+            Handle::Harmonic(harmonic) => harmonic.device_phases()?,
+            Handle::Transfer(_) | Handle::Arap(..) | Handle::Geodesic(_) => Vec::new(),
+        };
+        let host =
+            timed.samples_ns.iter().zip(&timed.device_ns).map(|(all, device)| all.saturating_sub(*device));
+        let mut steps: BTreeMap<_, _> = phases.into_iter().map(|(name, ns)| (name, vec![ns])).collect();
+        steps.insert("device".into(), timed.device_ns.clone());
+        steps.insert("host".into(), host.collect());
+        Ok(steps)
     }
 
     /// `update`: see [`crate::engine::protocol::Request::Update`].

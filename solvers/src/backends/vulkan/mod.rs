@@ -8,7 +8,7 @@
 //! | `instance.rs`, `device.rs` | the loader at run time, the list of devices, the opened device |
 //! | `buffer.rs` | device memory; [`Input`] and [`Output`]: the host's side of a frame |
 //! | `kernel.rs`, `shaders.rs` | pipelines from committed SPIR-V |
-//! | `plan.rs` | what a frame does, recorded once, run in every frame |
+//! | `plan.rs`, `recorded.rs` | what a frame does; its command buffer, recorded once, run in every frame |
 //! | `cg/` | conjugate gradients |
 //! | `error.rs`, `messages.rs`, `faults.rs` | failures: what they mean, the validation layer's, and injected ones |
 //!
@@ -27,6 +27,7 @@ mod instance;
 mod kernel;
 mod messages;
 mod plan;
+mod recorded;
 #[cfg(test)]
 mod tests;
 
@@ -35,5 +36,6 @@ pub use device::{ALIGNMENT, Access, Device, Settings, Traits};
 pub use error::DeviceError;
 pub use instance::{Candidate, Instance};
 pub use kernel::Kernel;
-pub use plan::{Plan, Recorded};
+pub use plan::Plan;
+pub use recorded::Recorded;
 pub use shaders::{Binding, Shader};

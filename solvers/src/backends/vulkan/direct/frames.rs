@@ -4,7 +4,8 @@ use super::tables::{PLANE, Tables};
 use crate::backends::framechol::gather::Group;
 use crate::backends::vulkan::buffer::{Input, Output};
 use crate::backends::vulkan::error::DeviceError;
-use crate::backends::vulkan::plan::{Plan, Recorded};
+use crate::backends::vulkan::plan::Plan;
+use crate::backends::vulkan::recorded::Recorded;
 use crate::columns::Columns;
 
 /// A factor with the host's side of its frames.
@@ -18,7 +19,19 @@ pub struct Frames<T: Number> {
     /// Dispatches of one submission.
     dispatches: usize,
     clear: Recorded,
+    /// Planes of the last frame.
+    last: usize,
     n: usize,
+}
+
+/// Lists the steps of a frame.
+fn list<T: Number>(plan: &mut Plan, tables: &Tables<T>, rhs: &Input<T>, x: &Output<T>, planes: usize) {
+    rhs.upload(plan);
+    plan.barrier();
+    plan.phase(|| "upload".into());
+    tables.sweep(plan, rhs.buffer(), x.buffer(), planes);
+    x.download(plan);
+    plan.phase(|| "download".into());
 }
 
 /// Planes for solves of up to `columns` columns.
@@ -47,18 +60,26 @@ impl<T: Number> Frames<T> {
         for planes in 1..=most {
             let mut plan = Plan::new(&device);
             plan.mark();
-            rhs.upload(&mut plan);
-            plan.barrier();
-            tables.sweep(&mut plan, rhs.buffer(), x.buffer(), planes);
-            plan.barrier();
-            x.download(&mut plan);
+            list(&mut plan, &tables, &rhs, &x, planes);
             plan.mark();
             dispatches = plan.dispatches();
             let mut recorded = plan.record()?;
             recorded.run()?;
             plans.push(recorded);
         }
-        Ok(Self { tables, rhs, x, plans, dispatches, clear, n })
+        Ok(Self { tables, rhs, x, plans, dispatches, clear, last: 1, n })
+    }
+
+    /// The last frame once more, phase by phase.
+    ///
+    /// # Errors
+    /// Where memory does not suffice or the device fails.
+    pub fn device_phases(&self) -> Result<Vec<(String, u64)>, DeviceError> {
+        let mut plan = Plan::timed(self.tables.device());
+        list(&mut plan, &self.tables, &self.rhs, &self.x, self.last);
+        let mut recorded = plan.record()?;
+        recorded.run()?;
+        Ok(recorded.phases())
     }
 
     /// Dispatches of one submission.
@@ -85,7 +106,8 @@ impl<T: Number> Frames<T> {
     /// # Errors
     /// Where the device fails.
     pub fn run(&mut self, group: Group) -> Result<Option<u64>, DeviceError> {
-        let recorded = &mut self.plans[planes(group.count) - 1];
+        self.last = planes(group.count);
+        let recorded = &mut self.plans[self.last - 1];
         recorded.run()?;
         Ok(recorded.device_ns())
     }

@@ -187,6 +187,10 @@ impl<T: Number, M: Method<T>> Factor for Handle<T, M> {
         Ok(())
     }
 
+    fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
+        Ok(self.method.frames_ref().device_phases()?)
+    }
+
     fn permutation(&self) -> Option<&[u32]> {
         Some(&self.method.frames_ref().tables.symbolic().order)
     }

@@ -154,10 +154,9 @@ impl<T: Number> Tables<T> {
     }
 
     /// Lists the steps of both sweeps: `rhs` and `x` hold `planes` times four numbers per row and one row more than the
-    /// right-hand side. Begins and ends without a barrier; marks the time between the sweeps.
+    /// right-hand side. Begins without a barrier and ends with one; every level of either sweep is a phase.
     pub fn sweep(&self, plan: &mut Plan, rhs: &Arc<Buffer>, x: &Arc<Buffer>, planes: usize) {
         self.sweep_forward(plan, rhs, planes);
-        plan.mark();
         self.sweep_backward(plan, x, planes);
     }
 
@@ -180,6 +179,7 @@ impl<T: Number> Tables<T> {
                     pivots.div_ceil(GROUP),
                 );
                 plan.barrier();
+                plan.phase(|| format!("assemble {l:02}"));
                 &self.y
             };
             slot += pivots;
@@ -200,6 +200,7 @@ impl<T: Number> Tables<T> {
                 plan.dispatch(kernel, &slots, &[tiles.start, count, base], count.div_ceil(TILES_PER_GROUP));
             }
             plan.barrier();
+            plan.phase(|| format!("forward {l:02}"));
         }
     }
 
@@ -215,9 +216,8 @@ impl<T: Number> Tables<T> {
                 let push = [tiles.start, count, base, self.n as u32];
                 plan.dispatch(kernel, &slots, &push, count.div_ceil(TILES_PER_GROUP));
             }
-            if l > 0 {
-                plan.barrier();
-            }
+            plan.barrier();
+            plan.phase(|| format!("backward {l:02}"));
         }
     }
 

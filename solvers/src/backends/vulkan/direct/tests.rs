@@ -131,6 +131,27 @@ fn a_bad_right_hand_side_is_named_and_forgotten() {
     assert_eq!(solve(&vec![0.0; n]), Ok(vec![0.0; n]));
 }
 
+/// Every level of both sweeps is timed, and the frame that is repeated for it leaves later ones alone.
+#[test]
+fn phases_of_the_device_are_told_apart() {
+    let Some(backend) = opened::<f64, Single<f64>>(&Settings::default()) else { return };
+    let (system, n) = (grid(31, 17, 1e-3), 527);
+    let mut factor = backend.prepare(&system, &PrepareOptions::columns(5), &mut |_| {}).expect("definite");
+    let (b, mut x, mut again) = (wave(5 * n), vec![0.0; 5 * n], vec![0.0; 5 * n]);
+    factor.solve(Columns::new(&b, n, 5), Columns::new(&mut x[..], n, 5)).expect("finite");
+    let phases = factor.device_phases().expect("runs");
+    factor.solve(Columns::new(&b, n, 5), Columns::new(&mut again[..], n, 5)).expect("finite");
+    assert_eq!(x, again);
+    if backend.device.traits().tick_ns.is_some() {
+        let levels = |name: &str| phases.iter().filter(|phase| phase.0.starts_with(name)).count();
+        assert!(levels("forward") >= 2 && levels("forward") == levels("backward"), "{phases:?}");
+        assert_eq!((levels("upload"), levels("download")), (1, 1));
+        assert!(
+            phases.iter().all(|phase| phase.1 < 10_000_000_000) && phases.iter().any(|phase| phase.1 > 0)
+        );
+    }
+}
+
 #[test]
 fn many_frames_of_two_handles_keep_their_bits_and_their_memory() {
     let Some(backend) = opened::<f32, Single<f32>>(&Settings::default()) else { return };
