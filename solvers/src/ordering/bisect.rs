@@ -1,6 +1,7 @@
 //! Recursive bisection of one domain of a coarse graph: initial separators.
 use super::coarsen::{Level, View, coarsen};
 use super::refine::{Labels, Refiner, Region, Sizes, Split, UNKNOWN};
+use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 /// When a domain is cut further.
@@ -19,8 +20,8 @@ pub(super) type Children = Vec<Option<[u32; 2]>>;
 const PASSES: usize = 4;
 /// Multilevel bisections tried on a part of more than [`LARGE`] vertices: its separator is among the few that
 /// dominate the fill, and such parts are few.
-const RUNS_LARGE: usize = 4;
-/// See [`RUNS_LARGE`].
+const RUNS_LARGE: u64 = 4;
+/// See [`RUNS_LARGE`]. Such parts also keep more than one thread busy.
 const LARGE: usize = 400;
 /// Vertices joined per step of the small multilevel scheme: pairs.
 const PAIR: u64 = 3;
@@ -50,13 +51,6 @@ impl Split for Two {
     }
 }
 
-/// A part of the domain as a graph of its own.
-struct Part {
-    level: Level,
-    /// Per vertex, the member of the domain it stands for.
-    members: Vec<u32>,
-}
-
 /// Workspace for the recursive bisection of one domain after the other.
 #[derive(Default)]
 pub(super) struct Bisector {
@@ -66,6 +60,11 @@ pub(super) struct Bisector {
     queue: Vec<u32>,
     separator: Vec<u32>,
     random: u64,
+}
+
+/// The tree of a part of n vertices that stays whole.
+fn uncut(n: usize) -> (Children, Vec<u32>) {
+    (vec![None], vec![0; n])
 }
 
 impl Bisector {
@@ -79,33 +78,38 @@ impl Bisector {
         index: &Labels,
         limits: Limits,
     ) -> (Children, Vec<u32>) {
-        let mut tree = vec![None];
-        let mut nodes = vec![0; members.len()];
-        self.random = 0x9E37_79B9_7F4A_7C15;
         let level = extract(graph, edge_weights, members, index);
-        let part = Part { level, members: (0..members.len() as u32).collect() };
-        self.cut(&part, 0, &mut tree, &mut nodes, limits);
-        (tree, nodes)
+        self.cut(&level, limits)
     }
 
-    /// Cuts one part and then what it fell into; `own` is its node of the tree.
-    fn cut(&mut self, part: &Part, own: u32, tree: &mut Children, nodes: &mut [u32], limits: Limits) {
-        let Some(labels) = self.best_cut(&part.level) else { return };
-        let sides = [tree.len() as u32, tree.len() as u32 + 1];
-        tree[own as usize] = Some(sides);
-        tree.extend([None, None]);
-        for (&member, &label) in part.members.iter().zip(&labels) {
-            nodes[member as usize] = if label == SEPARATOR { own } else { sides[label as usize] };
+    /// Cuts a part, and what it falls into. Returns the tree of cuts, the part being node 0, and the node of every vertex.
+    fn cut(&mut self, part: &Level, limits: Limits) -> (Children, Vec<u32>) {
+        let Some(labels) = self.best_cut(part) else { return uncut(part.weights.len()) };
+        let inside = [0, 1].map(|side| {
+            (0..labels.len() as u32).filter(|&v| labels[v as usize] == side).collect::<Vec<u32>>()
+        });
+        let parts = inside.each_ref().map(|inside| {
+            let weight: u64 = inside.iter().map(|&v| u64::from(part.weights[v as usize])).sum();
+            (weight > limits.leaf_weight && inside.len() > limits.least_vertices.max(1))
+                .then(|| extract(part.view(), &part.edge_weights, inside, &self.slots))
+        });
+        let down = |bisector: &mut Self, side: usize| {
+            parts[side].as_ref().map_or_else(|| uncut(inside[side].len()), |part| bisector.cut(part, limits))
+        };
+        let trees = if labels.len() > LARGE {
+            let (first, second) = rayon::join(|| down(self, 0), || down(&mut Self::default(), 1));
+            [first, second]
+        } else {
+            [down(self, 0), down(self, 1)]
+        };
+        let second = 1 + trees[0].0.len() as u32;
+        let mut tree = vec![Some([1, second])];
+        let mut nodes = vec![0; labels.len()];
+        for ((children, local), (inside, base)) in trees.into_iter().zip(inside.iter().zip([1, second])) {
+            tree.extend(children.into_iter().map(|pair| pair.map(|pair| pair.map(|node| base + node))));
+            inside.iter().zip(local).for_each(|(&v, node)| nodes[v as usize] = base + node);
         }
-        for side in 0..2 {
-            let inside: Vec<u32> = (0..labels.len() as u32).filter(|&v| labels[v as usize] == side).collect();
-            let weight: u64 = inside.iter().map(|&v| u64::from(part.level.weights[v as usize])).sum();
-            if weight > limits.leaf_weight && inside.len() > limits.least_vertices.max(1) {
-                let level = extract(part.level.view(), &part.level.edge_weights, &inside, &self.slots);
-                let members = inside.iter().map(|&v| part.members[v as usize]).collect();
-                self.cut(&Part { level, members }, sides[side as usize], tree, nodes, limits);
-            }
-        }
+        (tree, nodes)
     }
 
     /// The best of several cuts, as labels; `None` if none is worth having.
@@ -114,17 +118,25 @@ impl Bisector {
         if let Some(labels) = self.pack_components(level.view()) {
             return Some(labels);
         }
-        let runs = if level.view().n() > LARGE { RUNS_LARGE } else { 1 };
-        let mut best: Option<(Sizes, Vec<u32>)> = None;
-        for _ in 0..runs {
-            let found = self.multilevel(level);
-            if best.as_ref().is_none_or(|b| found.0.better_than(&b.0)) {
-                best = Some(found);
-            }
-        }
+        let found = if level.view().n() > LARGE {
+            let runs: Vec<_> =
+                (0..RUNS_LARGE).into_par_iter().map(|run| Self::default().run(level, run)).collect();
+            let better = |best: (Sizes, Vec<u32>), next: (Sizes, Vec<u32>)| {
+                if next.0.better_than(&best.0) { next } else { best }
+            };
+            runs.into_iter().reduce(better).expect("at least one run")
+        } else {
+            self.run(level, 0)
+        };
         let weight: u64 = level.weights.iter().map(|&w| u64::from(w)).sum();
-        best.filter(|(sizes, _)| sizes.0[0] > 0 && sizes.0[1] > 0 && 2 * sizes.0[2] < weight)
-            .map(|(_, labels)| labels)
+        let (Sizes([a, b, separator]), labels) = found;
+        (a > 0 && b > 0 && 2 * separator < weight).then_some(labels)
+    }
+
+    /// One multilevel bisection; every run visits the vertices in another order.
+    fn run(&mut self, level: &Level, run: u64) -> (Sizes, Vec<u32>) {
+        self.random = 0x9E37_79B9_7F4A_7C15_u64.wrapping_mul(2 * run + 1);
+        self.multilevel(level)
     }
 
     fn next_random(&mut self) -> u64 {

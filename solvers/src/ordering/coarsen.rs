@@ -1,5 +1,7 @@
 //! Coarsening: small connected patches of vertices become the vertices of a smaller graph.
 use super::fill::NONE;
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// A graph with vertex weights, by reference: what bisection and refinement read.
 #[derive(Clone, Copy)]
@@ -8,13 +10,13 @@ pub(super) struct View<'a> {
     pub starts: &'a [u32],
     /// Neighbour lists in any order, without loops and repetitions.
     pub neighbours: &'a [u32],
-    /// Per vertex, how many vertices of the finest graph it stands for.
+    /// Per vertex, how many vertices of the finest graph it stands for; empty where each stands for itself.
     pub weights: &'a [u32],
 }
 
 impl<'a> View<'a> {
     pub fn n(&self) -> usize {
-        self.weights.len()
+        self.starts.len() - 1
     }
 
     #[inline]
@@ -24,7 +26,7 @@ impl<'a> View<'a> {
 
     #[inline]
     pub fn weight(&self, v: u32) -> u32 {
-        self.weights[v as usize]
+        if self.weights.is_empty() { 1 } else { self.weights[v as usize] }
     }
 }
 
@@ -60,7 +62,7 @@ pub(super) fn coarsen(fine: View<'_>, edge_weights: &[u32], patch_size: u64, vis
 /// joins the neighbouring patch with which it shares most edges, unless that is full. Returns the patch of each
 /// vertex and the number of patches.
 fn patches(fine: View<'_>, edge_weights: &[u32], patch_size: u64, visit: &[u32]) -> (Vec<u32>, usize) {
-    let total: u64 = fine.weights.iter().map(|&w| u64::from(w)).sum();
+    let total: u64 = (0..fine.n() as u32).map(|v| u64::from(fine.weight(v))).sum();
     let limit = (patch_size * total).div_ceil(fine.n().max(1) as u64);
     let mut patch = vec![NONE; fine.n()];
     let mut sizes: Vec<u64> = Vec::new();
@@ -128,39 +130,56 @@ fn host(fine: View<'_>, edge_weights: &[u32], patch: &[u32], v: u32) -> Option<u
     best.map(|(_, p)| p)
 }
 
+/// Patches that one thread contracts at a time; smaller graphs are not worth a second thread.
+const PIECE: usize = 4096;
+
 /// The graph of the patches, with summed vertex and edge weights.
 fn contract(fine: View<'_>, edge_weights: &[u32], patch: Vec<u32>, count: usize) -> Level {
     let (first, members) = group(&patch, count);
-    let mut level = Level { starts: Vec::with_capacity(count + 1), ..Level::default() };
-    level.neighbours.reserve(fine.neighbours.len() / 3);
-    level.edge_weights.reserve(fine.neighbours.len() / 3);
-    level.starts.push(0);
-    let mut entry_of = vec![NONE; count]; // where the current patch lists this neighbour
-    for p in 0..count {
-        let row = level.neighbours.len();
-        let mut weight = 0;
-        for &v in &members[first[p] as usize..first[p + 1] as usize] {
-            weight += fine.weight(v);
-            for at in fine.starts[v as usize] as usize..fine.starts[v as usize + 1] as usize {
-                let q = patch[fine.neighbours[at] as usize];
-                if q as usize == p {
-                    continue;
-                }
-                let edge = edge_weights.get(at).copied().unwrap_or(1);
-                let known = entry_of[q as usize];
-                if known != NONE && known as usize >= row {
-                    level.edge_weights[known as usize] += edge;
-                } else {
-                    entry_of[q as usize] = level.neighbours.len() as u32;
-                    level.neighbours.push(q);
-                    level.edge_weights.push(edge);
+    let rows = |patches: Range<usize>| {
+        let mut level = Level::default();
+        let mut entry_of = vec![NONE; count]; // where the current patch lists this neighbour
+        for p in patches {
+            let row = level.neighbours.len();
+            let mut weight = 0;
+            for &v in &members[first[p] as usize..first[p + 1] as usize] {
+                weight += fine.weight(v);
+                for at in fine.starts[v as usize] as usize..fine.starts[v as usize + 1] as usize {
+                    let q = patch[fine.neighbours[at] as usize];
+                    if q as usize == p {
+                        continue;
+                    }
+                    let edge = edge_weights.get(at).copied().unwrap_or(1);
+                    let known = entry_of[q as usize];
+                    if known != NONE && known as usize >= row {
+                        level.edge_weights[known as usize] += edge;
+                    } else {
+                        entry_of[q as usize] = level.neighbours.len() as u32;
+                        level.neighbours.push(q);
+                        level.edge_weights.push(edge);
+                    }
                 }
             }
+            level.weights.push(weight);
+            level.starts.push(level.neighbours.len() as u32);
         }
-        level.weights.push(weight);
-        level.starts.push(level.neighbours.len() as u32);
+        level
+    };
+    let pieces: Vec<Level> = if count <= PIECE {
+        vec![rows(0..count)]
+    } else {
+        let starts = (0..count.div_ceil(PIECE)).into_par_iter();
+        starts.map(|piece| rows(piece * PIECE..count.min((piece + 1) * PIECE))).collect()
+    };
+    let mut level = Level { starts: Vec::with_capacity(count + 1), patch, ..Level::default() };
+    level.starts.push(0);
+    for piece in pieces {
+        let shift = level.neighbours.len() as u32;
+        level.starts.extend(piece.starts.iter().map(|start| start + shift));
+        level.neighbours.extend(piece.neighbours);
+        level.edge_weights.extend(piece.edge_weights);
+        level.weights.extend(piece.weights);
     }
-    level.patch = patch;
     level
 }
 

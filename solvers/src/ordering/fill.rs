@@ -5,6 +5,7 @@
 //! Anal. Appl. 11 (1990); the column counts follow J. R. Gilbert, E. G. Ng and B. W. Peyton, "An efficient algorithm
 //! to compute row and column counts for sparse Cholesky factorization", ibid. 15 (1994).
 use super::Graph;
+use rayon::prelude::*;
 
 /// Parent of a root in an elimination tree: no position.
 pub const NONE: u32 = u32::MAX;
@@ -22,13 +23,18 @@ pub struct Fill {
 
 /// The permuted pattern by elimination position, from which every quantity of this file is computed.
 pub struct Pattern {
+    /// Position k has the neighbours `neighbours[starts[k]..starts[k + 1]]`.
     starts: Vec<u32>,
-    /// Per position, the neighbours eliminated later.
-    later: Vec<u32>,
+    /// Where the neighbours eliminated later begin; before them stand those eliminated earlier.
+    middles: Vec<u32>,
+    neighbours: Vec<u32>,
 }
 
+/// Positions whose neighbours one thread looks up at a time.
+const PIECE: usize = 8192;
+
 impl Pattern {
-    /// The pattern of the matrix with rows and columns in elimination order. Cost: O(n + |E|).
+    /// The pattern of the matrix with rows and columns in elimination order. Cost: O(n + |E|), in parallel.
     ///
     /// # Panics
     /// If `order` is not a permutation of the vertices (an index out of range or a wrong length).
@@ -36,40 +42,68 @@ impl Pattern {
         let position = inverse(order);
         assert_eq!(order.len(), graph.n(), "an elimination order names every vertex once");
         let mut starts = Vec::with_capacity(order.len() + 1);
-        let mut later = Vec::with_capacity(graph.entries() / 2);
         starts.push(0);
-        for (k, &v) in order.iter().enumerate() {
-            later.extend(graph.neighbours(v).iter().map(|&w| position[w as usize]).filter(|&p| p > k as u32));
-            starts.push(later.len() as u32);
+        let mut end = 0;
+        starts.extend(order.iter().map(|&v| {
+            end += graph.degree(v) as u32;
+            end
+        }));
+        let (mut middles, mut neighbours) = (vec![0; order.len()], vec![0; graph.entries()]);
+        let mut rest = &mut neighbours[..];
+        let mut pieces = Vec::with_capacity(order.len().div_ceil(PIECE));
+        for (piece, middles) in middles.chunks_mut(PIECE).enumerate() {
+            let first = piece * PIECE;
+            let (own, others) = rest.split_at_mut((starts[first + middles.len()] - starts[first]) as usize);
+            rest = others;
+            pieces.push((first, middles, own));
         }
-        Self { starts, later }
+        pieces.into_par_iter().for_each(|(first, middles, own)| {
+            for (k, middle) in (first..).zip(middles) {
+                let (mut earlier, mut later) = (starts[k] - starts[first], starts[k + 1] - starts[first]);
+                for &w in graph.neighbours(order[k]) {
+                    let at = position[w as usize];
+                    // Earlier ones fill the range from its front, later ones from its back; no branch to guess.
+                    let is_later = u32::from(at > k as u32);
+                    later -= is_later;
+                    own[if at > k as u32 { later } else { earlier } as usize] = at;
+                    earlier += 1 - is_later;
+                }
+                *middle = starts[first] + earlier;
+            }
+        });
+        Self { starts, middles, neighbours }
     }
 
     /// Number of positions.
     pub fn n(&self) -> usize {
-        self.starts.len() - 1
+        self.middles.len()
+    }
+
+    /// The neighbours of position k that are eliminated earlier, in no particular order.
+    #[inline]
+    fn earlier(&self, k: usize) -> &[u32] {
+        &self.neighbours[self.starts[k] as usize..self.middles[k] as usize]
     }
 
     /// The neighbours of position k that are eliminated later, in no particular order.
     #[inline]
     pub fn later(&self, k: usize) -> &[u32] {
-        &self.later[self.starts[k] as usize..self.starts[k + 1] as usize]
+        &self.neighbours[self.middles[k] as usize..self.starts[k + 1] as usize]
     }
 
     /// The elimination tree: `parent[k]` is the row of the first off-diagonal entry of column k of L, [`NONE`] for
     /// a root. Always `parent[k] > k`. Cost: nearly O(n + |E|), by path compression.
     pub fn elimination_tree(&self) -> Vec<u32> {
         let n = self.n();
-        let (row_starts, columns) = self.transposed();
         let mut parent = vec![NONE; n];
         let mut ancestor = vec![NONE; n];
-        for k in 0..n as u32 {
-            for &j in &columns[row_starts[k as usize] as usize..row_starts[k as usize + 1] as usize] {
+        for k in 0..n {
+            for &j in self.earlier(k) {
                 let mut at = j;
-                while at != k {
-                    let next = std::mem::replace(&mut ancestor[at as usize], k);
+                while at != k as u32 {
+                    let next = std::mem::replace(&mut ancestor[at as usize], k as u32);
                     if next == NONE {
-                        parent[at as usize] = k;
+                        parent[at as usize] = k as u32;
                         break;
                     }
                     at = next;
@@ -77,27 +111,6 @@ impl Pattern {
             }
         }
         parent
-    }
-
-    /// The lists of earlier neighbours: row starts and column positions.
-    fn transposed(&self) -> (Vec<u32>, Vec<u32>) {
-        let n = self.n();
-        let mut starts = vec![0_u32; n + 1];
-        for &i in &self.later {
-            starts[i as usize + 1] += 1;
-        }
-        for k in 0..n {
-            starts[k + 1] += starts[k];
-        }
-        let mut next = starts.clone();
-        let mut columns = vec![0; self.later.len()];
-        for k in 0..n {
-            for &i in self.later(k) {
-                columns[next[i as usize] as usize] = k as u32;
-                next[i as usize] += 1;
-            }
-        }
-        (starts, columns)
     }
 
     /// Number of entries of every column of L, the diagonal included, without forming L. `parent` is the
@@ -109,9 +122,9 @@ impl Pattern {
     pub fn column_counts(&self, parent: &[u32], postorder: &[u32]) -> Vec<u32> {
         let n = self.n();
         let first = first_descendants(parent, postorder);
-        let mut count = vec![0_i64; n];
-        let mut latest_first = vec![NONE; n]; // per row: `first` of its latest leaf, NONE before the first one
-        let mut latest_leaf = vec![NONE; n];
+        let mut count = vec![0_i32; n]; // all partial sums lie within -2 n and n
+        // Per row its latest leaf and that leaf's `first`; NONE before the first one.
+        let mut latest = vec![(NONE, NONE); n];
         let mut set: Vec<u32> = (0..n as u32).collect(); // disjoint sets: finished subtrees under their root
         for &j in postorder {
             if first[j as usize].1 {
@@ -121,15 +134,15 @@ impl Pattern {
                 count[parent[j as usize] as usize] -= 1;
             }
             for &i in self.later(j as usize) {
-                let (seen, leaf) = (&mut latest_first[i as usize], &mut latest_leaf[i as usize]);
-                if *seen != NONE && first[j as usize].0 <= *seen {
+                let (leaf, seen) = latest[i as usize];
+                if seen != NONE && first[j as usize].0 <= seen {
                     continue; // j is an ancestor of a known leaf, so not a leaf of this row subtree
                 }
                 count[j as usize] += 1;
-                if *leaf != NONE {
-                    count[find(&mut set, *leaf) as usize] -= 1;
+                if leaf != NONE {
+                    count[find(&mut set, leaf) as usize] -= 1;
                 }
-                (*seen, *leaf) = (first[j as usize].0, j);
+                latest[i as usize] = (j, first[j as usize].0);
             }
             if parent[j as usize] != NONE {
                 set[j as usize] = parent[j as usize];

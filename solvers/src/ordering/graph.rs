@@ -18,25 +18,20 @@ impl Graph {
     /// If an end is not below `n`, or if the 2 |E| list entries do not fit 32-bit positions.
     pub fn from_edges<I: Iterator<Item = (u32, u32)>>(n: usize, edges: impl Fn() -> I) -> Self {
         let mut starts = vec![0_usize; n + 1];
-        for (a, b) in edges().filter(|(a, b)| a != b) {
+        edges().filter(|(a, b)| a != b).for_each(|(a, b)| {
             starts[a as usize + 1] += 1;
             starts[b as usize + 1] += 1;
-        }
-        for v in 0..n {
-            starts[v + 1] += starts[v];
-        }
-        let total = starts[n];
-        assert!(u32::try_from(total).is_ok(), "{total} adjacency entries do not fit 32-bit positions");
-        let mut next: Vec<u32> = starts.iter().map(|&s| s as u32).collect();
-        let mut neighbours = vec![0; total];
+        });
+        let mut next = Self::offsets(&mut starts);
+        let mut neighbours = vec![0; starts[n]];
         let mut put = |at: u32, value: u32| {
             neighbours[next[at as usize] as usize] = value;
             next[at as usize] += 1;
         };
-        for (a, b) in edges().filter(|(a, b)| a != b) {
+        edges().filter(|(a, b)| a != b).for_each(|(a, b)| {
             put(a, b);
             put(b, a);
-        }
+        });
         Self::sorted(&starts, neighbours)
     }
 
@@ -47,13 +42,33 @@ impl Graph {
     /// As [`Graph::from_edges`].
     pub fn from_triangle_of_matrix(row_starts: &[u32], columns: &[u32]) -> Self {
         let n = row_starts.len().saturating_sub(1);
-        Self::from_edges(n, || {
-            (0..n).flat_map(|i| {
-                columns[row_starts[i] as usize..row_starts[i + 1] as usize]
-                    .iter()
-                    .map(move |&j| (i as u32, j))
-            })
-        })
+        let row = |i: usize| {
+            let own = &columns[row_starts[i] as usize..row_starts[i + 1] as usize];
+            own.iter().copied().filter(move |&j| j as usize != i)
+        };
+        let mut starts = vec![0_usize; n + 1];
+        for i in 0..n {
+            let mut own = 0;
+            for j in row(i) {
+                starts[j as usize + 1] += 1;
+                own += 1;
+            }
+            starts[i + 1] += own;
+        }
+        let mut next = Self::offsets(&mut starts);
+        let mut neighbours = vec![0; starts[n]];
+        for i in 0..n {
+            let mut at = next[i];
+            for j in row(i) {
+                neighbours[at as usize] = j;
+                at += 1;
+                let other = &mut next[j as usize];
+                neighbours[*other as usize] = i as u32;
+                *other += 1;
+            }
+            next[i] = at;
+        }
+        Self::sorted(&starts, neighbours)
     }
 
     /// The vertex adjacency of a triangle mesh with `n` vertices: the graph of its Laplacian.
@@ -64,8 +79,22 @@ impl Graph {
         Self::from_edges(n, || triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]))
     }
 
+    /// Sums up the list lengths in `starts[1..]`; also returns the starts as positions for filling the lists.
+    fn offsets(starts: &mut [usize]) -> Vec<u32> {
+        for v in 1..starts.len() {
+            starts[v] += starts[v - 1];
+        }
+        let total = starts[starts.len() - 1];
+        assert!(u32::try_from(total).is_ok(), "{total} adjacency entries do not fit 32-bit positions");
+        starts.iter().map(|&s| s as u32).collect()
+    }
+
     /// Sorts each list `raw[starts[v]..starts[v + 1]]` and drops repeated entries.
     fn sorted(starts: &[usize], mut raw: Vec<u32>) -> Self {
+        // A sorted triangle gives sorted lists: a vertex meets its earlier neighbours in their rows, then its own row.
+        if starts.windows(2).all(|range| raw[range[0]..range[1]].is_sorted_by(|a, b| a < b)) {
+            return Self { starts: starts.iter().map(|&s| s as u32).collect(), neighbours: raw };
+        }
         let mut compact = Vec::with_capacity(starts.len());
         compact.push(0);
         let mut length = 0;

@@ -219,6 +219,11 @@ impl Refiner {
         for &w in region.graph.neighbours(v) {
             pull += if region.side(w) == 1 - side { region.graph.weight(w) } else { 0 };
         }
+        self.list(region, v, pull);
+    }
+
+    /// Appends a candidate.
+    fn list<S: Split>(&mut self, region: &Region<'_, S>, v: u32, pull: u32) {
         let slot = self.candidates.len() as u32;
         region.slots[v as usize].store(slot, Relaxed);
         self.candidates.push(Candidate { vertex: v, pull });
@@ -246,12 +251,17 @@ impl Refiner {
         }
     }
 
-    /// Takes w from the side that pays into the separator: moves of its neighbours there become cheaper.
+    /// Takes w from the side that pays into the separator: moves of its neighbours there become cheaper, and it becomes a
+    /// candidate itself.
     fn pull_in<S: Split>(&mut self, region: &Region<'_, S>, w: u32, side: usize) {
         self.relabel(region.labels, w, region.split.own());
         let weight = region.graph.weight(w);
+        let mut pull = 0;
         for &x in region.graph.neighbours(w) {
-            if region.label(x) == region.split.own() {
+            let label = region.label(x);
+            if region.split.side(label) == 1 - side {
+                pull += region.graph.weight(x);
+            } else if label == region.split.own() {
                 let slot = region.slots[x as usize].load(Relaxed);
                 if slot != UNKNOWN {
                     let candidate = &mut self.candidates[slot as usize];
@@ -260,7 +270,7 @@ impl Refiner {
                 }
             }
         }
-        self.enter(region, side, w);
+        self.list(region, w, pull);
     }
 
     fn relabel(&mut self, labels: &Labels, vertex: u32, after: u32) {

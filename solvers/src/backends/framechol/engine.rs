@@ -5,6 +5,7 @@
 //! thread 1:  load, forward own subtrees |  top backward, spread  | backward own subtrees, store
 //!                                    (thread 0 alone)
 //! ```
+use super::front::Crew;
 use super::gather::{Group, Output, Scatter, Source};
 use super::numeric::{Breakdown, FactorPart, Workspace};
 use super::panels::{Panels, Reach};
@@ -113,6 +114,7 @@ impl<T: Lanes, E: Send> Engine<T, E> {
                 below: &|_| unreachable!("subtrees are closed"),
                 work,
                 out,
+                crew: None,
             });
         });
         let mut outcome = shares.iter().try_for_each(|share| share.outcome);
@@ -120,7 +122,8 @@ impl<T: Lanes, E: Send> Engine<T, E> {
             let below = |t: usize| (&parts[t], &shares[t].work);
             let part = &parts[parts.len() - 1];
             let Top { panels: out, work } = top;
-            outcome = isa.run(FactorPart { part, values, scale, below: &below, work, out });
+            let crew = Some(Crew { team, isa: *isa });
+            outcome = isa.run(FactorPart { part, values, scale, below: &below, work, out, crew });
         }
         outcome.map_err(|Breakdown { position, pivot }| {
             let row = symbolic.order[position as usize] as usize;

@@ -8,10 +8,23 @@
 //!
 //! Every kernel works on 8 x 8 tiles: eight vectors of eight doubles. The inner loop is one load of eight entries of A,
 //! eight broadcasts of B and 64 multiply-adds.
-use crate::isa::{Features, multiply_add};
+use crate::isa::{Features, Isa, Kernel, multiply_add};
+use crate::team::Team;
+use std::ops::Range;
 
 /// Rows per block: one AVX-512 register of doubles, two of AVX2, four of NEON.
 pub const BLOCK: usize = 8;
+
+/// Pieces of an update matrix, so that threads can share it.
+const PIECES: usize = 16;
+
+/// Threads that share the work on one front, and their instruction set.
+pub struct Crew<'a> {
+    /// The threads.
+    pub team: &'a mut Team,
+    /// What their kernels are compiled for.
+    pub isa: Isa,
+}
 
 /// Eight columns of eight rows.
 type Tile = [[f64; BLOCK]; BLOCK];
@@ -55,6 +68,12 @@ impl FrontShape {
     pub fn entries(self) -> u64 {
         let (w, r) = (self.width as u64, self.below as u64);
         w * (w + 1) / 2 + w * r
+    }
+
+    /// Whether the front is worth more than one thread: a step for eight pivots then is some 20 microseconds of work, and
+    /// handing it out costs one or two.
+    pub fn is_large(self) -> bool {
+        self.width * (self.width + self.below) > 40_000
     }
 
     /// Sum of the squared column counts: multiplications and additions of the factorisation.
@@ -181,10 +200,13 @@ fn solve_tile<F: Features>(tile: &Tile, inverse: &Tile) -> Tile {
 ///
 /// Left-looking by blocks of eight columns: w^2 (r + w / 3) multiply-adds, the panel is read w / 16 times.
 #[inline(always)]
-pub fn factor_panel<F: Features>(shape: FrontShape, panel: &mut [f64]) -> Result<(), (usize, f64)> {
+pub fn factor_panel<F: Features>(
+    shape: FrontShape,
+    panel: &mut [f64],
+    mut crew: Option<&mut Crew<'_>>,
+) -> Result<(), (usize, f64)> {
     let w = shape.width;
     let block_len = w * BLOCK;
-    let blocks = shape.pivot_blocks() + shape.below_blocks();
     for c in 0..shape.pivot_blocks() {
         let (from, count) = (c * BLOCK, BLOCK.min(w - c * BLOCK));
         let (above, rest) = panel.split_at_mut((c + 1) * block_len);
@@ -195,33 +217,92 @@ pub fn factor_panel<F: Features>(shape: FrontShape, panel: &mut [f64]) -> Result
         subtract_product::<F>(&mut tile, done, done);
         factor_tile::<F>(&mut tile, count).map_err(|(j, pivot)| (from + j, pivot))?;
         store(&tile, own);
-        let inverse = invert_tile::<F>(&tile);
-        for b in 0..blocks - c - 1 {
-            let row = &mut rest[b * block_len..(b + 1) * block_len];
-            let (left, own) = row.split_at_mut(from * BLOCK);
-            let own = &mut own[..count * BLOCK];
-            let mut tile = load(own);
-            subtract_product::<F>(&mut tile, left, done);
-            store(&solve_tile::<F>(&tile, &inverse), own);
+        let (inverse, columns) = (&invert_tile::<F>(&tile), from..from + count);
+        if let Some(Crew { team, isa }) = &mut crew {
+            team.for_each_run(rest, block_len, |_, rows| {
+                isa.run(Eliminate { rows, block_len, columns: columns.clone(), done, inverse });
+            });
+        } else {
+            Eliminate { rows: rest, block_len, columns, done, inverse }.run::<F>();
         }
     }
     Ok(())
 }
 
-/// out := update - L21 L21^T, lower triangle, with L21 the rows below in `panel`. w r^2 / 2 multiply-adds.
+/// Some block columns of the rows below a factored diagonal tile: columns := (columns - rows done^T) L^-T.
+struct Eliminate<'a> {
+    rows: &'a mut [f64],
+    block_len: usize,
+    columns: Range<usize>,
+    done: &'a [f64],
+    inverse: &'a Tile,
+}
+
+impl Kernel for Eliminate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Features>(self) {
+        let Self { rows, block_len, columns, done, inverse } = self;
+        for row in rows.chunks_exact_mut(block_len) {
+            let (left, own) = row.split_at_mut(columns.start * BLOCK);
+            let own = &mut own[..columns.len() * BLOCK];
+            let mut tile = load(own);
+            subtract_product::<F>(&mut tile, left, done);
+            store(&solve_tile::<F>(&tile, inverse), own);
+        }
+    }
+}
+
+/// update -= L21 L21^T, lower triangle, with L21 the rows below in `panel`. w r^2 / 2 multiply-adds.
 #[inline(always)]
-pub fn update_rest<F: Features>(shape: FrontShape, panel: &[f64], update: &[f64], out: &mut [f64]) {
+pub fn update_rest<F: Features>(
+    shape: FrontShape,
+    panel: &[f64],
+    update: &mut [f64],
+    crew: Option<&mut Crew<'_>>,
+) {
     let block_len = shape.width * BLOCK;
-    let below = &panel[shape.pivot_blocks() * block_len..];
-    for b in 0..shape.below_blocks() {
-        let a = &below[b * block_len..(b + 1) * block_len];
-        let row = update_block(b)..update_block(b + 1);
-        let (from, to) = (&update[row.clone()], &mut out[row]);
-        for c in 0..=b {
-            let own = c * BLOCK * BLOCK..(c + 1) * BLOCK * BLOCK;
-            let mut tile = load(&from[own.clone()]);
-            subtract_product::<F>(&mut tile, a, &below[c * block_len..(c + 1) * block_len]);
-            store(&tile, &mut to[own]);
+    let (below, blocks) = (&panel[shape.pivot_blocks() * block_len..], shape.below_blocks());
+    let Some(Crew { team, isa }) = crew else {
+        return Update { below, block_len, rows: 0..blocks, update }.run::<F>();
+    };
+    let mut rest = update;
+    let mut first = 0;
+    // Rows of a triangle in pieces of equal area.
+    let mut pieces: [_; PIECES] = std::array::from_fn(|piece| {
+        let end = (blocks as f64 * ((piece + 1) as f64 / PIECES as f64).sqrt()).round() as usize;
+        let (own, others) = std::mem::take(&mut rest).split_at_mut(update_block(end) - update_block(first));
+        rest = others;
+        (std::mem::replace(&mut first, end)..end, own)
+    });
+    team.for_each(&mut pieces, |_, (rows, update)| {
+        isa.run(Update { below, block_len, rows: rows.clone(), update });
+    });
+}
+
+/// Some block rows of [`update_rest`]; `update` begins with the first of them.
+struct Update<'a> {
+    below: &'a [f64],
+    block_len: usize,
+    rows: Range<usize>,
+    update: &'a mut [f64],
+}
+
+impl Kernel for Update<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Features>(self) {
+        let Self { below, block_len, rows, update } = self;
+        let mut tiles = update.chunks_exact_mut(BLOCK * BLOCK);
+        for b in rows {
+            let a = &below[b * block_len..(b + 1) * block_len];
+            for (b, own) in below.chunks_exact(block_len).zip(tiles.by_ref().take(b + 1)) {
+                let mut tile = load(own);
+                subtract_product::<F>(&mut tile, a, b);
+                store(&tile, own);
+            }
         }
     }
 }

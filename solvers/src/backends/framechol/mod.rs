@@ -88,6 +88,7 @@ impl<M: Method> FrameChol<M> {
     ) -> Result<(M, Arc<[u32]>), PrepareError> {
         assert!(options.max_columns > 0, "max_columns: at least 1");
         on(Phase::Order);
+        let pool = thread_pool(self.threads)?;
         let graph = Graph::from_triangle_of_matrix(matrix.row_starts(), matrix.columns());
         let (order, ordering) = match options.order {
             Some(order) => {
@@ -96,15 +97,17 @@ impl<M: Method> FrameChol<M> {
                 (order.to_vec(), "given")
             }
             None => {
-                let ordering = with_threads(self.threads, || ordering::nested_dissection(&graph))?;
+                let ordering = pool.install(|| ordering::nested_dissection(&graph));
                 (ordering.order, ordering.name)
             }
         };
         on(Phase::Symbolic);
-        let groups = Supernodes::new(&graph, &order);
-        let threads = if groups.total_cost() < self.least_parallel { 1 } else { self.threads };
-        let symbolic = Symbolic::new(matrix, &groups, &order, threads);
-        drop((graph, order, groups));
+        let symbolic = pool.install(|| {
+            let groups = Supernodes::new(&graph, &order);
+            let threads = if groups.total_cost() < self.least_parallel { 1 } else { self.threads };
+            Symbolic::new(matrix, &graph, &groups, &order, threads)
+        });
+        drop((pool, graph, order));
         let order = Arc::clone(&symbolic.order);
         let max_columns = options.max_columns;
         let mut method = M::new(Plan { isa: self.isa, symbolic, matrix, max_columns, ordering })?;
@@ -149,18 +152,15 @@ impl<M: Method> Backend for FrameChol<M> {
     }
 }
 
-/// Runs `work` with a thread pool of its own.
-pub(super) fn with_threads<R: Send>(
-    threads: usize,
-    work: impl FnOnce() -> R + Send,
-) -> Result<R, PrepareError> {
-    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
-        Ok(pool) => Ok(pool.install(work)),
-        Err(error) => {
-            let what = format!("{threads} threads: the system refuses to start them ({error})");
-            Err(PrepareError::Unsupported { what })
-        }
-    }
+/// Threads for ordering and analysis.
+///
+/// # Errors
+/// Where the system refuses to start them.
+pub(super) fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, PrepareError> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| {
+        let what = format!("{threads} threads: the system refuses to start them ({error})");
+        PrepareError::Unsupported { what }
+    })
 }
 
 /// The error with a row of the reduced system where it names a vertex.

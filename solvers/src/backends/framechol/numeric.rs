@@ -4,19 +4,21 @@
 //! children, its pivots are eliminated, the panel is packed for the sweeps, and the update matrix goes to the parent by
 //! way of a stack (J. W. H. Liu, "The multifrontal method for sparse matrix solution", SIAM Review 34, 1992). All in f64;
 //! all memory is allocated once.
-use super::front::{BLOCK, FrontShape, factor_panel, update_block, update_rest};
+use super::front::{BLOCK, Crew, FrontShape, factor_panel, update_block, update_rest};
 use super::panels::STRIP;
 use super::symbolic::Part;
 use crate::aligned::zeros;
 use crate::isa::{Features, Kernel};
+use crate::ordering::NONE;
 
 /// Memory of one thread's factorisation.
 pub struct Workspace {
     panel: Vec<f64>,
-    update: Vec<f64>,
-    stack: Vec<f64>,
-    /// Where the update matrix of each supernode lies in the stack.
-    place: Vec<usize>,
+    /// Update matrices that wait for the parent, in turn by level of the tree: a front is formed in one stack while its
+    /// children wait on the other.
+    stacks: [Vec<f64>; 2],
+    /// Where the update matrix of each supernode lies.
+    place: Vec<Place>,
     /// Supernodes whose update matrix waits for its parent.
     waiting: Vec<u32>,
     /// Front slot of every local row of the front at hand.
@@ -25,6 +27,13 @@ pub struct Workspace {
     targets: Vec<Target>,
     /// Scratch for inverted pivot blocks.
     inverse: Vec<f64>,
+}
+
+/// A place on one of the stacks.
+#[derive(Clone, Copy)]
+struct Place {
+    stack: usize,
+    start: usize,
 }
 
 /// Where a row of a child goes in its parent's front.
@@ -38,32 +47,39 @@ struct Target {
     column: usize,
 }
 
-/// How the update matrices of a part lie on the stack.
-struct Stack {
-    /// Start of every supernode's.
-    place: Vec<usize>,
-    /// Numbers on the stack, at most.
-    peak: usize,
-    /// Matrices on the stack, at most.
+/// How the update matrices of a part lie on the stacks.
+struct Stacks {
+    /// Place of every supernode's.
+    place: Vec<Place>,
+    /// Numbers on each stack, at most.
+    peak: [usize; 2],
+    /// Matrices on both, at most.
     depth: usize,
 }
 
-/// Plays the factorisation through: children leave the stack, their parent enters it.
-fn stack(part: &Part) -> Stack {
-    let mut place = vec![0; part.len()];
-    let mut waiting: Vec<u32> = Vec::new();
-    let (mut end, mut peak, mut depth) = (0, 0, 0);
-    for s in 0..part.len() {
-        for _ in 0..part.children[s] {
-            end = place[waiting.pop().expect("children come before parents") as usize];
+/// Plays the factorisation through: a supernode enters its stack, its children leave the other one.
+fn stacks(part: &Part) -> Stacks {
+    let mut place = vec![Place { stack: 0, start: 0 }; part.len()];
+    for s in (0..part.len()).rev() {
+        if part.parent[s] != NONE {
+            place[s].stack = 1 - place[part.parent[s] as usize].stack;
         }
-        place[s] = end;
-        end += part.shape(s).update_len();
+    }
+    let mut waiting: Vec<u32> = Vec::new();
+    let (mut end, mut peak, mut depth) = ([0; 2], [0; 2], 0);
+    for s in 0..part.len() {
+        let stack = place[s].stack;
+        place[s].start = end[stack];
+        end[stack] += part.shape(s).update_len();
+        peak[stack] = peak[stack].max(end[stack]);
+        for _ in 0..part.children[s] {
+            let child = waiting.pop().expect("children come before parents");
+            end[1 - stack] = place[child as usize].start;
+        }
         waiting.push(s as u32);
-        peak = peak.max(end);
         depth = depth.max(waiting.len());
     }
-    Stack { place, peak, depth }
+    Stacks { place, peak, depth }
 }
 
 /// Elimination met a pivot that is not positive and finite.
@@ -78,20 +94,17 @@ pub struct Breakdown {
 impl Workspace {
     /// Bytes of fronts and stack that [`new`](Self::new) will ask for.
     pub fn bytes_for(part: &Part) -> u64 {
-        let largest =
-            |of: fn(FrontShape) -> usize| (0..part.len()).map(|s| of(part.shape(s))).max().unwrap_or(0);
-        let fronts = largest(FrontShape::panel_len) + largest(FrontShape::update_len);
-        8 * (fronts + stack(part).peak) as u64
+        let panel = (0..part.len()).map(|s| part.shape(s).panel_len()).max().unwrap_or(0);
+        8 * (panel + stacks(part).peak.iter().sum::<usize>()) as u64
     }
 
     /// Sizes everything for `part`.
     pub fn new(part: &Part) -> Self {
         let shapes = || (0..part.len()).map(|s| part.shape(s));
-        let Stack { place, peak, depth } = stack(part);
+        let Stacks { place, peak, depth } = stacks(part);
         Self {
             panel: zeros(shapes().map(|f| f.panel_len()).max().unwrap_or(0)),
-            update: zeros(shapes().map(|f| f.update_len()).max().unwrap_or(0)),
-            stack: zeros(peak),
+            stacks: peak.map(zeros),
             place,
             waiting: Vec::with_capacity(depth),
             slot: vec![0; part.slab as usize],
@@ -102,20 +115,31 @@ impl Workspace {
 
     /// Bytes held.
     pub fn bytes(&self) -> u64 {
-        let numbers = self.panel.len() + self.update.len() + self.stack.len() + self.inverse.len();
-        (8 * numbers + 8 * self.place.len() + 4 * self.slot.len() + size_of_val(&self.targets[..])) as u64
+        let stacks: usize = self.stacks.iter().map(Vec::len).sum();
+        let numbers = self.panel.len() + stacks + self.inverse.len();
+        let places = size_of_val(&self.place[..]) + size_of_val(&self.targets[..]);
+        (8 * numbers + places + 4 * (self.slot.len() + self.waiting.capacity())) as u64
     }
 
     /// The update matrix of supernode `s`, if it is still waiting.
     fn waiting_update(&self, part: &Part, s: usize) -> &[f64] {
-        &self.stack[self.place[s]..][..part.shape(s).update_len()]
+        let Place { stack, start } = self.place[s];
+        &self.stacks[stack][start..][..part.shape(s).update_len()]
     }
 }
 
 /// What takes the factor, supernode after supernode.
 pub trait Store {
     /// Takes the factored panel of supernode `s`: L on its pivots and rows below. `scratch`: [`STRIP`]^2 numbers.
-    fn store<F: Features>(&mut self, s: usize, shape: FrontShape, panel: &[f64], scratch: &mut [f64]);
+    /// `crew`: threads that may help.
+    fn store<F: Features>(
+        &mut self,
+        s: usize,
+        shape: FrontShape,
+        panel: &[f64],
+        scratch: &mut [f64],
+        crew: Option<&mut Crew<'_>>,
+    );
 }
 
 /// The factorisation of one part.
@@ -132,6 +156,8 @@ pub struct FactorPart<'a, S> {
     pub work: &'a mut Workspace,
     /// Where the factor goes.
     pub out: &'a mut S,
+    /// Threads that may help with large fronts.
+    pub crew: Option<Crew<'a>>,
 }
 
 impl<S: Store> Kernel for FactorPart<'_, S> {
@@ -139,21 +165,24 @@ impl<S: Store> Kernel for FactorPart<'_, S> {
 
     #[inline(always)]
     fn run<F: Features>(self) -> Self::Output {
-        let Self { part, values, scale, below, work, out } = self;
+        let Self { part, values, scale, below, work, out, mut crew } = self;
         work.waiting.clear();
         for s in 0..part.len() {
             work.assemble(part, s, values, scale);
             work.add_children(part, s, below);
             let shape = part.shape(s);
+            let mut crew = crew.as_mut().filter(|_| shape.is_large());
             let panel = &mut work.panel[..shape.panel_len()];
-            factor_panel::<F>(shape, panel).map_err(|(j, pivot)| Breakdown {
+            let outcome = factor_panel::<F>(shape, panel, crew.as_deref_mut());
+            outcome.map_err(|(j, pivot)| Breakdown {
                 position: part.first_position + (part.starts[s] - part.first_local) + j as u32,
                 pivot,
             })?;
-            let place = &mut work.stack[work.place[s]..][..shape.update_len()];
-            update_rest::<F>(shape, panel, &work.update[..shape.update_len()], place);
+            let Place { stack, start } = work.place[s];
+            let update = &mut work.stacks[stack][start..][..shape.update_len()];
+            update_rest::<F>(shape, panel, update, crew.as_deref_mut());
             work.waiting.push(s as u32);
-            out.store::<F>(s, shape, panel, &mut work.inverse);
+            out.store::<F>(s, shape, panel, &mut work.inverse, crew);
         }
         Ok(())
     }
@@ -164,7 +193,8 @@ impl Workspace {
     fn assemble(&mut self, part: &Part, s: usize, values: &[f64], scale: f64) {
         let shape = part.shape(s);
         self.panel[..shape.panel_len()].fill(0.0);
-        self.update[..shape.update_len()].fill(0.0);
+        let Place { stack, start } = self.place[s];
+        self.stacks[stack][start..][..shape.update_len()].fill(0.0);
         for &(source, place) in
             &part.entries[part.entry_starts[s] as usize..part.entry_starts[s + 1] as usize]
         {
@@ -181,12 +211,16 @@ impl Workspace {
 
     /// Adds the update matrices of all children of `s`.
     fn add_children<'a>(&mut self, part: &Part, s: usize, below: &dyn Fn(usize) -> (&'a Part, &'a Self)) {
+        let Place { stack, start } = self.place[s];
         for _ in 0..part.children[s] {
             let c = self.waiting.pop().expect("children come before parents") as usize;
             let rows = part.rows(c);
             let pivots = self.aim(part, s, rows, 0);
-            let update = &self.stack[self.place[c]..][..part.shape(c).update_len()];
-            add_update(update, &self.targets[..rows.len()], pivots, &mut self.panel, &mut self.update);
+            let (child, len) = (self.place[c].start, part.shape(c).update_len());
+            let Self { panel, stacks: [even, odd], targets, .. } = self;
+            let (others, own) = if stack == 0 { (odd, even) } else { (even, odd) };
+            let child = &others[child..child + len];
+            add_update(child, &targets[..rows.len()], pivots, panel, &mut own[start..]);
         }
         for &(from, c) in part.adopted.get(s).map_or(&[][..], |list| &list[..]) {
             let (other, work) = below(from as usize);
@@ -194,8 +228,9 @@ impl Workspace {
             // A root's rows all belong to the top, which both parts number consecutively.
             let shift = part.first_local.wrapping_sub(other.pivots() as u32);
             let pivots = self.aim(part, s, rows, shift);
-            let update = work.waiting_update(other, c as usize);
-            add_update(update, &self.targets[..rows.len()], pivots, &mut self.panel, &mut self.update);
+            let child = work.waiting_update(other, c as usize);
+            let own = &mut self.stacks[stack][start..];
+            add_update(child, &self.targets[..rows.len()], pivots, &mut self.panel, own);
         }
     }
 

@@ -10,11 +10,11 @@
 //! So neither sweep ever waits for a triangular solve; both are products with dense blocks. Rows come in blocks of eight,
 //! each block column after column, eight numbers per column; a last block of t < 8 rows has t numbers per column, so
 //! that nothing is padded.
-use super::front::{BLOCK, FrontShape, invert_pivots, multiply_by_inverse, update_block};
+use super::front::{BLOCK, Crew, FrontShape, invert_pivots, multiply_by_inverse, update_block};
 use super::numeric::Store;
 use super::symbolic::Part;
 use crate::aligned::zeros;
-use crate::isa::{Features, Real};
+use crate::isa::{Features, Kernel, Real};
 
 /// Most pivots of a panel. Wider ones read no fewer bytes, cost width^3 to invert, and lose accuracy when stored in f32.
 pub const STRIP: usize = 64;
@@ -160,17 +160,74 @@ impl<T: Real> Panels<T> {
     }
 }
 
+/// Strips that threads pack at a time; a front with more of them takes several rounds.
+const ROUND: usize = 16;
+
 impl<T: Real> Store for Panels<T> {
     #[inline(always)]
-    fn store<F: Features>(&mut self, s: usize, shape: FrontShape, panel: &[f64], x: &mut [f64]) {
-        for at in self.starts[s] as usize..self.starts[s + 1] as usize {
-            let strip = self.list[at];
-            let width = strip.width as usize;
-            let from = (strip.first - self.list[self.starts[s] as usize].first) as usize;
-            invert_pivots::<F>(shape, panel, from, width, x);
-            store_inverse::<T>(x, width, &mut self.diagonal[strip.diagonal()]);
-            store_below::<F, T>(shape, panel, from, width, x, &mut self.values[strip.values()]);
+    fn store<F: Features>(
+        &mut self,
+        s: usize,
+        shape: FrontShape,
+        panel: &[f64],
+        x: &mut [f64],
+        crew: Option<&mut Crew<'_>>,
+    ) {
+        let strips = &self.list[self.starts[s] as usize..self.starts[s + 1] as usize];
+        let first = strips[0];
+        let mut values = &mut self.values[first.values..];
+        let mut diagonal = &mut self.diagonal[first.diagonal..];
+        let mut pack = |strip: &Panel| {
+            let (own, rest) = std::mem::take(&mut values).split_at_mut(strip.values().len());
+            values = rest;
+            let (inverse, rest) = std::mem::take(&mut diagonal).split_at_mut(strip.diagonal().len());
+            diagonal = rest;
+            let (from, width) = ((strip.first - first.first) as usize, strip.width as usize);
+            Pack { shape, panel, from, width, values: own, diagonal: inverse }
+        };
+        let Some(Crew { team, isa }) = crew else {
+            return strips.iter().for_each(|strip| pack(strip).run_in::<F>(x));
+        };
+        for round in strips.chunks(ROUND) {
+            let mut packs: [_; ROUND] = std::array::from_fn(|at| round.get(at).map(&mut pack));
+            team.for_each(&mut packs, |_, pack| {
+                if let Some(pack) = pack.take() {
+                    isa.run(pack);
+                }
+            });
         }
+    }
+}
+
+/// Turns one strip of a factored panel into X and M.
+struct Pack<'a, T> {
+    shape: FrontShape,
+    panel: &'a [f64],
+    /// First pivot.
+    from: usize,
+    /// Number of pivots.
+    width: usize,
+    values: &'a mut [T],
+    diagonal: &'a mut [T],
+}
+
+impl<T: Real> Pack<'_, T> {
+    /// `x`: room for [`STRIP`]^2 numbers.
+    #[inline(always)]
+    fn run_in<F: Features>(self, x: &mut [f64]) {
+        let Self { shape, panel, from, width, values, diagonal } = self;
+        invert_pivots::<F>(shape, panel, from, width, x);
+        store_inverse::<T>(x, width, diagonal);
+        store_below::<F, T>(shape, panel, from, width, x, values);
+    }
+}
+
+impl<T: Real> Kernel for Pack<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Features>(self) {
+        self.run_in::<F>(&mut [0.0; STRIP * STRIP]);
     }
 }
 
@@ -224,11 +281,29 @@ fn store_below<F: Features, T: Real>(
             if b < shape.pivot_blocks() { shape.width } else { shape.pivot_blocks() * BLOCK + shape.below };
         let lanes = BLOCK.min(last - b * BLOCK);
         let l = &panel[b * block_len + from * BLOCK..][..width * BLOCK];
+        // But after a pivot block that is not full, blocks of rows here are blocks of rows there.
+        let same = row % BLOCK == 0 && lanes == BLOCK.min(rows - row);
         for c in 0..width.div_ceil(BLOCK) {
             let tile = multiply_by_inverse::<F>(l, x, width, c);
             let columns = c * BLOCK..width.min((c + 1) * BLOCK);
-            for (j, column) in columns.zip(&tile) {
-                put(out, rows, width, row, j, &column[..lanes]);
+            if same && lanes == BLOCK {
+                let place =
+                    &mut out[(row * width + columns.start * BLOCK)..(row * width + columns.end * BLOCK)];
+                for (out, column) in place.as_chunks_mut::<BLOCK>().0.iter_mut().zip(&tile) {
+                    for i in 0..BLOCK {
+                        out[i] = T::from_f64(column[i]);
+                    }
+                }
+            } else if same {
+                let place =
+                    &mut out[(row * width + columns.start * lanes)..(row * width + columns.end * lanes)];
+                for (out, column) in place.chunks_exact_mut(lanes).zip(&tile) {
+                    out.iter_mut().zip(column).for_each(|(out, &v)| *out = T::from_f64(v));
+                }
+            } else {
+                for (j, column) in columns.zip(&tile) {
+                    put(out, rows, width, row, j, &column[..lanes]);
+                }
             }
         }
         row += lanes;

@@ -27,6 +27,8 @@ pub struct Supernodes {
     pub starts: Vec<u32>,
     /// Number of rows of L below the columns of each group.
     pub below: Vec<u32>,
+    /// Number of matrix entries on and below the diagonal in the columns of each group.
+    pub entries: Vec<u32>,
     /// Parent group, larger than the group itself; [`NONE`] for a root.
     pub parent: Vec<u32>,
 }
@@ -34,17 +36,17 @@ pub struct Supernodes {
 impl Supernodes {
     /// Groups the columns of the factor of `graph` eliminated in `order`. Cost: nearly O(n + |E|).
     pub fn new(graph: &Graph, order: &[u32]) -> Self {
-        Self::with_cost(graph, order, &sweep_cost)
+        Self::with_cost(graph, order, sweep_cost)
     }
 
     /// As [`new`](Self::new), for sweeps that spend `cost(width, below)` on a group.
-    pub fn with_cost(graph: &Graph, order: &[u32], cost: &dyn Fn(u64, u64) -> u64) -> Self {
+    pub fn with_cost(graph: &Graph, order: &[u32], cost: impl Fn(u64, u64) -> u64 + Copy) -> Self {
         let pattern = Pattern::new(graph, order);
         let parent = pattern.elimination_tree();
         let counts = pattern.column_counts(&parent, &postorder(&parent));
         let mut groups = Chains::new(&parent, &counts);
         groups.relax(cost);
-        groups.finish()
+        groups.finish(&pattern)
     }
 
     /// Number of groups.
@@ -114,7 +116,7 @@ impl Chains {
     }
 
     /// Merges children into parents, bottom up, where that lowers the sweep cost.
-    fn relax(&mut self, cost: &dyn Fn(u64, u64) -> u64) {
+    fn relax(&mut self, cost: impl Fn(u64, u64) -> u64 + Copy) {
         let (starts, children) = children(&self.parent);
         let mut candidates = Vec::new();
         for p in 0..self.width.len() {
@@ -132,7 +134,7 @@ impl Chains {
     }
 
     /// How much cheaper the sweeps get when group `c` is merged into its parent `p`.
-    fn gain(&self, c: u32, p: usize, cost: &dyn Fn(u64, u64) -> u64) -> i64 {
+    fn gain(&self, c: u32, p: usize, cost: impl Fn(u64, u64) -> u64 + Copy) -> i64 {
         let of = |width: u32, below: u32| cost(u64::from(width), u64::from(below)) as i64;
         let (wc, rc) = (self.width[c as usize], self.below[c as usize]);
         let (wp, rp) = (self.width[p], self.below[p]);
@@ -140,7 +142,7 @@ impl Chains {
     }
 
     /// Renumbers the surviving groups and lists their columns.
-    fn finish(mut self) -> Supernodes {
+    fn finish(mut self, pattern: &Pattern) -> Supernodes {
         let chains = self.into.len();
         // Parents have larger numbers, so from the top down every target is resolved already.
         for c in (0..chains).rev() {
@@ -162,13 +164,14 @@ impl Chains {
             parent.push(if self.parent[c] == NONE { NONE } else { group_of(self.parent[c]) });
         }
         let mut next: Vec<u32> = starts[..groups as usize].to_vec();
-        let mut columns = vec![0; self.chain.len()];
+        let (mut columns, mut entries) = (vec![0; self.chain.len()], vec![0; groups as usize]);
         for (j, &chain) in self.chain.iter().enumerate() {
-            let slot = &mut next[group_of(chain) as usize];
-            columns[*slot as usize] = j as u32;
-            *slot += 1;
+            let group = group_of(chain) as usize;
+            columns[next[group] as usize] = j as u32;
+            next[group] += 1;
+            entries[group] += 1 + pattern.later(j).len() as u32;
         }
-        Supernodes { columns, starts, below, parent }
+        Supernodes { columns, starts, below, entries, parent }
     }
 }
 

@@ -2,8 +2,9 @@
 use super::front::{BLOCK, FrontShape};
 use super::supernodes::{Supernodes, children};
 use super::tasks::Tasks;
-use crate::ordering::{NONE, inverse};
+use crate::ordering::{Graph, NONE, inverse};
 use crate::sparse::SymmetricCsr;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Everything about the factor that does not depend on values.
@@ -85,10 +86,16 @@ impl Part {
 
 impl Symbolic {
     /// Analyses the pattern of `matrix`, whose columns eliminated in (about) `order` are grouped in `groups`, for `threads`
-    /// threads.
+    /// threads. `graph` is that of the matrix. Cost: O(n + |E| + rows of all groups, sorted), the parts in parallel.
     ///
     /// The order in use, [`Symbolic::order`], is an equivalent one: same fill, subtrees together.
-    pub fn new(matrix: &SymmetricCsr, groups: &Supernodes, order: &[u32], threads: usize) -> Self {
+    pub fn new(
+        matrix: &SymmetricCsr,
+        graph: &Graph,
+        groups: &Supernodes,
+        order: &[u32],
+        threads: usize,
+    ) -> Self {
         let tasks = if threads == 1 {
             Tasks::serial(groups.len())
         } else {
@@ -96,10 +103,16 @@ impl Symbolic {
             Tasks::balanced(&groups.parent, &cost, threads)
         };
         let numbering = Numbering::new(groups, &tasks, order);
-        let structure = Structure::new(matrix, groups, &numbering);
-        let parts = (0..numbering.parts.len())
-            .map(|part| structure.part(part, groups, &tasks, &numbering))
-            .collect::<Vec<_>>();
+        let position = inverse(&numbering.order);
+        let structure = Structure { matrix, graph, groups, tasks: &tasks, numbering: &numbering, position };
+        let mut parts: Vec<Part> = if threads == 1 {
+            vec![structure.part(0, &[])]
+        } else {
+            (0..threads).into_par_iter().map(|part| structure.part(part, &[])).collect()
+        };
+        if threads > 1 {
+            parts.push(structure.part(threads, &parts));
+        }
         let shapes = || parts.iter().flat_map(|p| (0..p.len()).map(|s| p.shape(s)));
         Self {
             nonzeros: shapes().map(|f| f.entries()).sum(),
@@ -193,104 +206,167 @@ fn lean_postorder(groups: &Supernodes) -> Vec<u32> {
     order
 }
 
-/// Rows of all groups and entries of all columns, by elimination position.
-struct Structure {
-    /// Per group, its rows below the pivots: positions, ascending.
-    rows: Vec<Vec<u32>>,
-    /// Entries of the matrix by column: starts, then (row, stored entry).
-    column_starts: Vec<u32>,
-    entries: Vec<(u32, u32)>,
+/// What the parts are cut from.
+struct Structure<'a> {
+    matrix: &'a SymmetricCsr,
+    graph: &'a Graph,
+    groups: &'a Supernodes,
+    tasks: &'a Tasks,
+    numbering: &'a Numbering,
+    /// Final position of every matrix row.
+    position: Vec<u32>,
 }
 
-impl Structure {
-    fn new(matrix: &SymmetricCsr, groups: &Supernodes, numbering: &Numbering) -> Self {
-        let (column_starts, entries) = entries_by_column(matrix, &numbering.order);
-        let (child_starts, child_lists) = children(&groups.parent);
-        let mut rows: Vec<Vec<u32>> = vec![Vec::new(); groups.len()];
-        let mut seen = vec![NONE; matrix.n()];
-        for &s in numbering.parts.iter().flatten() {
-            let first = numbering.first[s as usize];
-            let end = first + groups.width(s as usize);
-            let mut own = Vec::with_capacity(groups.below[s as usize] as usize);
-            let mut add = |row: u32| {
-                if row >= end && std::mem::replace(&mut seen[row as usize], s) != s {
-                    own.push(row);
-                }
-            };
-            let range = column_starts[first as usize] as usize..column_starts[end as usize] as usize;
-            entries[range].iter().for_each(|&(row, _)| add(row));
-            for &c in &child_lists[child_starts[s as usize] as usize..child_starts[s as usize + 1] as usize] {
-                rows[c as usize].iter().for_each(|&row| add(row));
-            }
-            own.sort_unstable();
-            debug_assert_eq!(own.len(), groups.below[s as usize] as usize, "group {s}");
-            rows[s as usize] = own;
-        }
-        Self { rows, column_starts, entries }
-    }
+/// A matrix entry of the supernode at hand.
+struct Entry {
+    /// Local number of its row.
+    row: u32,
+    /// Its column among the pivots.
+    column: u32,
+    /// Stored entry of the matrix.
+    source: u32,
+}
 
-    /// Cuts out one part, in its local numbers.
-    fn part(&self, part: usize, groups: &Supernodes, tasks: &Tasks, numbering: &Numbering) -> Part {
+impl Structure<'_> {
+    /// One part, in its local numbers. The top needs those `below` it.
+    fn part(&self, part: usize, below: &[Part]) -> Part {
+        let Self { groups, numbering, .. } = self;
         let own = &numbering.parts[part];
         let first_position = numbering.starts[part];
         let local = |k: u32| numbering.local(part, k);
-        let is_top = tasks.threads > 1 && part == tasks.threads;
         let mut out = Part {
             first_position,
             first_local: local(first_position),
             slab: local(numbering.order.len() as u32),
             starts: vec![local(first_position)],
             row_starts: vec![0],
-            rows: Vec::with_capacity(own.iter().map(|&s| self.rows[s as usize].len()).sum()),
+            rows: Vec::with_capacity(own.iter().map(|&s| groups.below[s as usize] as usize).sum()),
             parent: Vec::with_capacity(own.len()),
             children: vec![0; own.len()],
-            adopted: if is_top { vec![Vec::new(); own.len()] } else { Vec::new() },
+            adopted: if below.is_empty() { Vec::new() } else { vec![Vec::new(); own.len()] },
             entry_starts: vec![0],
-            entries: Vec::new(),
-            diagonal: Vec::new(),
+            entries: Vec::with_capacity(own.iter().map(|&s| groups.entries[s as usize] as usize).sum()),
+            diagonal: Vec::with_capacity((numbering.starts[part + 1] - first_position) as usize),
         };
-        let mut front_row = vec![0; numbering.order.len()];
+        self.relate(part, &mut out);
+        let mut room =
+            Room { seen: vec![NONE; out.slab as usize], slot: vec![0; out.slab as usize], ..Room::default() };
         for (i, &s) in own.iter().enumerate() {
-            let s = s as usize;
-            let (first, width) = (numbering.first[s], groups.width(s));
-            out.starts.push(local(first) + width);
-            out.rows.extend(self.rows[s].iter().map(|&k| local(k)));
-            out.row_starts.push(out.rows.len() as u32);
-            let parent = groups.parent[s];
+            let first = out.starts[i];
+            out.starts.push(first + groups.width(s as usize));
+            self.collect_entries(
+                part,
+                numbering.first[s as usize],
+                groups.width(s as usize),
+                &mut room.entries,
+            );
+            room.collect_rows(i, &mut out, below);
+            debug_assert_eq!(out.shape(i).below, groups.below[s as usize] as usize, "group {s}");
+            room.place_entries(i, &mut out);
+        }
+        out
+    }
+
+    /// Parents and children of the part's supernodes.
+    fn relate(&self, part: usize, out: &mut Part) {
+        let Self { groups, tasks, numbering, .. } = self;
+        for &s in &numbering.parts[part] {
+            let parent = groups.parent[s as usize];
             let inside = parent != NONE && tasks.part[parent as usize] as usize == part;
             out.parent.push(if inside { numbering.index[parent as usize] } else { NONE });
             if inside {
                 out.children[numbering.index[parent as usize] as usize] += 1;
             }
-            self.place_entries(s, first, width, &mut front_row, &mut out);
-            debug_assert_eq!(out.shape(i).below, self.rows[s].len());
         }
-        if is_top {
-            adopt(&mut out, groups, tasks, numbering);
+        if !out.adopted.is_empty() {
+            adopt(out, groups, tasks, numbering);
         }
-        out
     }
 
-    /// Where the matrix entries of group `s` go in its panel.
-    fn place_entries(&self, s: usize, first: u32, width: u32, front_row: &mut [u32], out: &mut Part) {
-        for (i, &row) in self.rows[s].iter().enumerate() {
-            front_row[row as usize] = i as u32;
-        }
-        let shape = FrontShape { width: width as usize, below: self.rows[s].len() };
-        for j in 0..width {
-            let column = (first + j) as usize;
-            let range = self.column_starts[column] as usize..self.column_starts[column + 1] as usize;
-            for &(row, source) in &self.entries[range] {
-                if row as usize == column {
-                    out.diagonal.push(source);
+    /// The entries of the lower triangle in `width` columns from position `first` on.
+    fn collect_entries(&self, part: usize, first: u32, width: u32, out: &mut Vec<Entry>) {
+        out.clear();
+        let local = |k: u32| self.numbering.local(part, k);
+        for column in 0..width {
+            let k = first + column;
+            let v = self.numbering.order[k as usize];
+            let (start, columns) = (self.matrix.row_starts()[v as usize], self.matrix.row(v as usize).0);
+            out.push(Entry { row: local(k), column, source: start });
+            let neighbours = self.graph.neighbours(v);
+            // The row of v holds v and then the neighbours that follow it; the others hold v in their rows.
+            let (before, after) = neighbours.split_at(neighbours.len() + 1 - columns.len());
+            for (source, &w) in (start + 1..).zip(after) {
+                let row = self.position[w as usize];
+                if row > k {
+                    out.push(Entry { row: local(row), column, source });
                 }
-                let slot = if row < first + width {
-                    (row - first) as usize
-                } else {
-                    shape.pivot_blocks() * BLOCK + front_row[row as usize] as usize
-                };
-                out.entries.push((source, shape.panel_index(slot, j as usize) as u32));
             }
+            for &w in before {
+                let row = self.position[w as usize];
+                if row > k {
+                    let at = self.matrix.row(w as usize).0.iter().position(|&j| j == v).expect("an edge");
+                    let source = self.matrix.row_starts()[w as usize] + at as u32;
+                    out.push(Entry { row: local(row), column, source });
+                }
+            }
+        }
+    }
+}
+
+/// Workspace for one supernode after the other.
+#[derive(Default)]
+struct Room {
+    entries: Vec<Entry>,
+    /// Per local row, the last supernode that has it.
+    seen: Vec<u32>,
+    /// Per local row, its place among the rows below of the supernode at hand.
+    slot: Vec<u32>,
+    /// Supernodes that wait for their parent.
+    waiting: Vec<u32>,
+}
+
+impl Room {
+    /// Appends the rows of supernode `s` below its pivots: those of its entries and of its children.
+    fn collect_rows(&mut self, s: usize, out: &mut Part, below: &[Part]) {
+        let (start, end) = (out.rows.len(), out.starts[s + 1]);
+        let seen = &mut self.seen;
+        let mut is_new =
+            |row: u32| row >= end && std::mem::replace(&mut seen[row as usize], s as u32) != s as u32;
+        out.rows.extend(self.entries.iter().map(|entry| entry.row).filter(|&row| is_new(row)));
+        for _ in 0..out.children[s] {
+            let child = self.waiting.pop().expect("children come before parents") as usize;
+            for at in out.row_starts[child] as usize..out.row_starts[child + 1] as usize {
+                let row = out.rows[at];
+                if is_new(row) {
+                    out.rows.push(row);
+                }
+            }
+        }
+        for &(part, child) in out.adopted.get(s).map_or(&[][..], |list| &list[..]) {
+            let other = &below[part as usize];
+            // A root's rows all belong to the top, which both parts number consecutively.
+            let rows =
+                other.rows(child as usize).iter().map(|row| row - other.pivots() as u32 + out.first_local);
+            out.rows.extend(rows.filter(|&row| is_new(row)));
+        }
+        out.rows[start..].sort_unstable();
+        out.row_starts.push(out.rows.len() as u32);
+        self.waiting.push(s as u32);
+    }
+
+    /// Where the matrix entries of supernode `s` go in its panel.
+    fn place_entries(&mut self, s: usize, out: &mut Part) {
+        let (first, end, shape) = (out.starts[s], out.starts[s + 1], out.shape(s));
+        let base = (shape.pivot_blocks() * BLOCK) as u32;
+        for (slot, &row) in (base..).zip(out.rows(s)) {
+            self.slot[row as usize] = slot;
+        }
+        for entry in &self.entries {
+            if entry.row == first + entry.column {
+                out.diagonal.push(entry.source);
+            }
+            let slot = if entry.row < end { entry.row - first } else { self.slot[entry.row as usize] };
+            out.entries.push((entry.source, shape.panel_index(slot as usize, entry.column as usize) as u32));
         }
         out.entry_starts.push(out.entries.len() as u32);
     }
@@ -304,30 +380,4 @@ fn adopt(top: &mut Part, groups: &Supernodes, tasks: &Tasks, numbering: &Numberi
             top.adopted[numbering.index[parent as usize] as usize].push((part as u32, numbering.index[s]));
         }
     }
-}
-
-/// The lower triangle of the permuted matrix by columns: starts, and (row position, stored entry) in each column.
-fn entries_by_column(matrix: &SymmetricCsr, order: &[u32]) -> (Vec<u32>, Vec<(u32, u32)>) {
-    let n = matrix.n();
-    let position = inverse(order);
-    let mut starts = vec![0_u32; n + 1];
-    for i in 0..n {
-        for &j in matrix.row(i).0 {
-            starts[position[i].min(position[j as usize]) as usize + 1] += 1;
-        }
-    }
-    for k in 0..n {
-        starts[k + 1] += starts[k];
-    }
-    let mut next = starts.clone();
-    let mut entries = vec![(0, 0); matrix.stored()];
-    for i in 0..n {
-        for entry in matrix.row_range(i) {
-            let (a, b) = (position[i], position[matrix.columns()[entry] as usize]);
-            let slot = &mut next[a.min(b) as usize];
-            entries[*slot as usize] = (a.max(b), entry as u32);
-            *slot += 1;
-        }
-    }
-    (starts, entries)
 }

@@ -20,7 +20,7 @@ use crate::backends::framechol::engine::{groups, power_of_two};
 use crate::backends::framechol::gather::Group;
 use crate::backends::framechol::supernodes::Supernodes;
 use crate::backends::framechol::symbolic::Symbolic;
-use crate::backends::framechol::{first_bad_row, with_threads};
+use crate::backends::framechol::{first_bad_row, thread_pool};
 use crate::backends::vulkan::device::{Device, Settings};
 use crate::columns::Columns;
 use crate::error::{PrepareError, SolveError, Unavailable};
@@ -113,6 +113,7 @@ impl<T: Number, M: Method<T>> Direct<T, M> {
         on: &mut dyn FnMut(Phase),
     ) -> Result<(Symbolic, &'static str), PrepareError> {
         assert!(options.max_columns > 0, "max_columns: at least 1");
+        let pool = thread_pool(self.threads)?;
         on(Phase::Order);
         let graph = Graph::from_triangle_of_matrix(matrix.row_starts(), matrix.columns());
         let (order, name) = match options.order {
@@ -122,13 +123,13 @@ impl<T: Number, M: Method<T>> Direct<T, M> {
                 (order.to_vec(), "given")
             }
             None => {
-                let ordering = with_threads(self.threads, || ordering::nested_dissection(&graph))?;
+                let ordering = pool.install(|| ordering::nested_dissection(&graph));
                 (ordering.order, ordering.name)
             }
         };
         on(Phase::Symbolic);
-        let groups = Supernodes::with_cost(&graph, &order, &blocks::sweep_cost);
-        Ok((Symbolic::new(matrix, &groups, &order, 1), name))
+        let groups = pool.install(|| Supernodes::with_cost(&graph, &order, blocks::sweep_cost));
+        Ok((Symbolic::new(matrix, &graph, &groups, &order, 1), name))
     }
 }
 

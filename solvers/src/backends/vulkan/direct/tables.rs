@@ -133,6 +133,7 @@ impl<T: Number> Tables<T> {
                 inverse: &mut inverse,
                 dense: &mut dense,
             },
+            crew: None,
         });
         outcome.map_err(|Breakdown { position, pivot }| {
             let row = self.symbolic.order[position as usize] as usize;

@@ -7,7 +7,7 @@
 //! 16 bytes, row (r, lane) and column k stand at `((k / W * R + r) * 8 + lane) * W + k % W`. Columns are padded with zeros to
 //! whole groups of W; X is triangular, so its tiles start or end at the diagonal.
 use super::blocks::{Blocks, LANES};
-use crate::backends::framechol::front::{FrontShape, invert_pivots, multiply_by_inverse};
+use crate::backends::framechol::front::{Crew, FrontShape, invert_pivots, multiply_by_inverse};
 use crate::backends::framechol::numeric::Store;
 use crate::backends::framechol::symbolic::Part;
 use crate::isa::{Features, Real};
@@ -169,7 +169,14 @@ pub struct TileStore<'a, T> {
 
 impl<T: Real> Store for TileStore<'_, T> {
     #[inline(always)]
-    fn store<F: Features>(&mut self, s: usize, shape: FrontShape, panel: &[f64], _: &mut [f64]) {
+    fn store<F: Features>(
+        &mut self,
+        s: usize,
+        shape: FrontShape,
+        panel: &[f64],
+        _: &mut [f64],
+        _: Option<&mut Crew<'_>>,
+    ) {
         self.fill_dense::<F>(shape, panel);
         let (cut, (mut forward, mut backward)) = (self.tiles.cut[s], self.tiles.place[s]);
         let (w, r) = (shape.width, shape.below);
