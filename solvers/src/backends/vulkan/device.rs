@@ -60,6 +60,13 @@ pub struct Traits {
     pub tick_bits: u32,
 }
 
+impl Traits {
+    /// Whether the lanes of a subgroup can hand numbers round.
+    pub fn shuffles(&self) -> bool {
+        self.subgroup_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE)
+    }
+}
+
 /// Parts of a buffer that kernels see start at multiples of this: the largest alignment a driver may ask for.
 pub const ALIGNMENT: u64 = 256;
 
@@ -118,7 +125,9 @@ impl Device {
         // SAFETY: the queue was asked for when the device was made.
         let queue = unsafe { raw.get_device_queue(family as u32, 0) };
         let software = candidate.kind == DeviceType::SoftwareVulkan;
-        let access = settings.access.unwrap_or(if software { Access::Texel } else { Access::Storage });
+        // The kernels that read texel buffers hand numbers round.
+        let texel = software && traits.shuffles();
+        let access = settings.access.unwrap_or(if texel { Access::Texel } else { Access::Storage });
         let limits = limits(vk, device);
         traits.range = settings.range.unwrap_or(match access {
             Access::Texel => 16 * u64::from(limits.max_texel_buffer_elements),

@@ -44,6 +44,21 @@ macro_rules! spirv {
     };
 }
 
+/// Two shaders from `shaders/NAME.comp` for the numbers REAL: they differ where storage buffers are read, in the second by
+/// lanes that hand round what they read.
+macro_rules! shader_pair {
+    ($name:literal, $real:literal, $bindings:expr, $push_words:expr) => {{
+        let plain = shader!($name, $real, $bindings, $push_words);
+        let handed = Shader {
+            texel: plain.texel,
+            storage: include_bytes!(spirv!($name, $real, "shuffle")),
+            bindings: plain.bindings,
+            push_words: plain.push_words,
+        };
+        [plain, handed]
+    }};
+}
+
 /// The shader compiled from `shaders/NAME.comp` for the numbers REAL.
 macro_rules! shader {
     ($name:literal, $real:literal, $bindings:expr, $push_words:expr) => {

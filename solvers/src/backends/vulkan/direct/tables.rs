@@ -1,12 +1,12 @@
 //! A factor on the device and the steps of its sweeps.
 use super::blocks::{Blocks, LANES};
-use super::number::{GROUP, Kernels, Number, TILES_PER_GROUP};
+use super::number::{GROUP, Kernels, Number, Source};
 use super::tiles::{TileStore, Tiles, scratch};
 use crate::backends::framechol::engine::power_of_two;
 use crate::backends::framechol::numeric::{Breakdown, FactorPart, Workspace};
 use crate::backends::framechol::symbolic::Symbolic;
 use crate::backends::vulkan::buffer::{Buffer, Place, Slot, Upload, constant};
-use crate::backends::vulkan::device::{ALIGNMENT, Access, Device};
+use crate::backends::vulkan::device::{ALIGNMENT, Device};
 use crate::backends::vulkan::plan::Plan;
 use crate::error::PrepareError;
 use crate::isa::Isa;
@@ -67,7 +67,7 @@ impl<T: Number> Tables<T> {
             .map_err(|_| PrepareError::OutOfMemory { bytes })?;
         let work = Workspace::new(part);
         let mut blocks = Blocks::new(&symbolic);
-        let tiles = Tiles::new(part, &blocks, T::PACK, device.access() == Access::Texel);
+        let tiles = Tiles::new(part, &blocks, T::PACK, device.access());
         blocks.rows.iter_mut().chain(&mut blocks.below).for_each(|at| *at = row(*at));
         let slots = blocks.slots();
         let table = |numbers: usize| Buffer::new(device, Place::Device, (numbers * size_of::<T>()) as u64);
@@ -168,7 +168,7 @@ impl<T: Number> Tables<T> {
             let blocks = self.blocks.level(l);
             let pivots: u32 =
                 blocks.iter().map(|&s| self.symbolic.parts[0].shape(s as usize).width as u32).sum();
-            let y = if l == 0 {
+            let y = if l == 0 || self.kernels.above_leaves() == Source::Gathered {
                 rhs
             } else {
                 let kernel = self.kernels.assemble(planes);
@@ -184,7 +184,8 @@ impl<T: Number> Tables<T> {
                 &self.y
             };
             slot += pivots;
-            let kernel = self.kernels.forward(planes, l == 0, self.tiles.rows_per_lane[l]);
+            let shape = self.tiles.shapes[l];
+            let kernel = self.kernels.forward(planes, l == 0, shape);
             let tiles = self.tiles.forward_levels[l]..self.tiles.forward_levels[l + 1];
             for (tiles, values, base) in self.pieces(tiles, &self.forward, |t| self.forward_place(t)) {
                 let [heads, rows, starts, sources, updates, out] = [
@@ -198,7 +199,7 @@ impl<T: Number> Tables<T> {
                 .map(Buffer::all);
                 let slots = [heads, values, y.all(), rows, starts, sources, updates, out];
                 let count = tiles.end - tiles.start;
-                plan.dispatch(kernel, &slots, &[tiles.start, count, base], count.div_ceil(TILES_PER_GROUP));
+                plan.dispatch(kernel, &slots, &[tiles.start, count, base, fronts], shape.groups(count));
             }
             plan.barrier();
             plan.phase(|| format!("forward {l:02}"));
@@ -207,7 +208,8 @@ impl<T: Number> Tables<T> {
 
     fn sweep_backward(&self, plan: &mut Plan, x: &Arc<Buffer>, planes: usize) {
         for l in (0..self.blocks.levels()).rev() {
-            let kernel = self.kernels.backward(planes, self.tiles.rows_per_lane[l]);
+            let shape = self.tiles.shapes[l];
+            let kernel = self.kernels.backward(planes, shape);
             let tiles = self.tiles.backward_levels[l]..self.tiles.backward_levels[l + 1];
             for (tiles, values, base) in self.pieces(tiles, &self.backward, |t| self.backward_place(t)) {
                 let [heads, fronts, rows, below, above, out] =
@@ -215,7 +217,7 @@ impl<T: Number> Tables<T> {
                 let slots = [heads, values, fronts, rows, below, above, out];
                 let count = tiles.end - tiles.start;
                 let push = [tiles.start, count, base, self.n as u32];
-                plan.dispatch(kernel, &slots, &push, count.div_ceil(TILES_PER_GROUP));
+                plan.dispatch(kernel, &slots, &push, shape.groups(count));
             }
             plan.barrier();
             plan.phase(|| format!("backward {l:02}"));

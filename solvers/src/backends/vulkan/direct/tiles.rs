@@ -2,15 +2,37 @@
 //!
 //! With X the inverse of the Cholesky factor of a block's pivots (S^-1 = X^T X) and M = F S^-1 for its rows below, the
 //! sweeps are products with [X; -M] and [X^T, -M^T]: nothing in a block waits for a substitution. A tile holds some rows of
-//! one of these matrices, R of them per lane: row 8 r + lane of the tile is the r-th of its lane. R is chosen for every level
-//! of the tree: many rows per lane share the reading of the vectors, few waste less where blocks are small. With W numbers in
-//! 16 bytes, row (r, lane) and column k stand at `((k / W * R + r) * 8 + lane) * W + k % W`. Columns are padded with zeros to
-//! whole groups of W; X is triangular, so its tiles start or end at the diagonal.
+//! one of these matrices, R of them per lane: row 8 r + lane of the tile is the r-th of its lane. With W numbers in 16 bytes, row
+//! (r, lane) and column k stand at `((k / W * R + r) * 8 + lane) * W + k % W`. Columns are padded with zeros to whole steps of
+//! eight; X is triangular, so its tiles start or end at the diagonal.
 use super::blocks::{Blocks, LANES};
 use crate::backends::framechol::front::{Crew, FrontShape, invert_pivots, multiply_by_inverse};
 use crate::backends::framechol::numeric::Store;
 use crate::backends::framechol::symbolic::Part;
+use crate::backends::vulkan::device::Access;
 use crate::isa::{Features, Real};
+
+/// Columns that a kernel works on at a time: one per lane, so that lanes may read a vector each and hand them round.
+const STEP: usize = LANES;
+
+/// How lanes share a tile. Chosen for every level of the tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Rows per lane: many share the reading of the vectors, few waste less where blocks are small.
+    pub rows: usize,
+    /// Groups of lanes that share the columns, a power of two: many end sooner, which counts where a level has less work
+    /// than the device has lanes.
+    pub ways: usize,
+}
+
+/// Shapes that kernels are compiled for. A software device does everything one after the other and wants few reads; a GPU waits
+/// for memory, and many lanes wait at the same time.
+pub fn shapes(access: Access) -> [Shape; 3] {
+    match access {
+        Access::Texel => [1, 2, 4].map(|rows| Shape { rows, ways: 1 }),
+        Access::Storage => [2, 8, 32].map(|ways| Shape { rows: 1, ways }),
+    }
+}
 
 /// Bits of a header word that hold the columns; the rest holds the number of rows less one.
 pub const COLUMN_BITS: u32 = 27;
@@ -39,12 +61,9 @@ pub struct Tiles {
     place: Vec<(usize, usize)>,
     /// How every block is cut.
     cut: Vec<Cut>,
-    /// Rows per lane of every level's tiles.
-    pub rows_per_lane: Vec<usize>,
+    /// How lanes share every level's tiles.
+    pub shapes: Vec<Shape>,
 }
-
-/// Rows per lane that kernels are compiled for.
-pub const ROWS_PER_LANE: [usize; 3] = [1, 2, 4];
 
 /// How a block is cut into tiles.
 #[derive(Clone, Copy)]
@@ -70,14 +89,17 @@ impl Cut {
 
     /// Columns of forward tile `b`: X ends at the diagonal.
     fn forward_columns(self, b: usize) -> usize {
-        let end = (b + 1) * self.height;
-        (if end <= self.width { end } else { self.width }).next_multiple_of(self.pack)
+        self.width.min((b + 1) * self.height)
     }
 
     /// Columns of backward tile `b`: those of X^T from the diagonal on, and those of M^T.
     fn backward_columns(self, b: usize) -> (usize, usize) {
-        let own = self.width - b * self.height;
-        (own.next_multiple_of(self.pack), self.below.next_multiple_of(self.pack))
+        (self.width - b * self.height, self.below)
+    }
+
+    /// As many columns as are stored for `columns`.
+    fn padded(columns: usize) -> usize {
+        columns.next_multiple_of(STEP)
     }
 
     /// Rows of tile `b` of a table with `rows` rows.
@@ -87,10 +109,10 @@ impl Cut {
 
     /// Rows of columns that both sweeps read, zeros included, and tiles: what a level's number of rows per lane is chosen by.
     fn work(self) -> (usize, usize) {
-        let forward: usize = (0..self.forward()).map(|b| self.forward_columns(b)).sum();
+        let forward: usize = (0..self.forward()).map(|b| Self::padded(self.forward_columns(b))).sum();
         let columns = |b| {
             let (own, above) = self.backward_columns(b);
-            own + above
+            Self::padded(own) + Self::padded(above)
         };
         let backward: usize = (0..self.backward()).map(columns).sum();
         (forward + backward, self.forward() + self.backward())
@@ -98,9 +120,8 @@ impl Cut {
 }
 
 impl Tiles {
-    /// Lays out the tables for numbers of which `pack` fill 16 bytes. `share_reads`: whether reading vectors is dear enough
-    /// to have several rows per lane.
-    pub fn new(part: &Part, blocks: &Blocks, pack: usize, share_reads: bool) -> Self {
+    /// Lays out the tables for numbers of which `pack` fill 16 bytes.
+    pub fn new(part: &Part, blocks: &Blocks, pack: usize, access: Access) -> Self {
         let mut out = Self {
             forward: Vec::new(),
             forward_levels: vec![0],
@@ -108,15 +129,15 @@ impl Tiles {
             backward_levels: vec![0],
             forward_len: 0,
             backward_len: 0,
-            rows_per_lane: Vec::new(),
+            shapes: Vec::new(),
             place: vec![(0, 0); part.len()],
             cut: vec![Cut { width: 0, below: 0, height: LANES, pack }; part.len()],
         };
         for l in 0..blocks.levels() {
-            let rows = if share_reads { best_rows(part, blocks.level(l), pack) } else { 1 };
-            out.rows_per_lane.push(rows);
+            let shape = best_shape(part, blocks.level(l), pack, access);
+            out.shapes.push(shape);
             for &s in blocks.level(l) {
-                out.add(s as usize, cut(part.shape(s as usize), rows, pack), blocks);
+                out.add(s as usize, cut(part.shape(s as usize), shape.rows, pack), blocks);
             }
             out.forward_levels.push(out.forward.len() as u32);
             out.backward_levels.push(out.backward.len() as u32);
@@ -133,7 +154,7 @@ impl Tiles {
             let rows = cut.rows(cut.width + cut.below, b);
             let offset = (self.forward_len / cut.pack) as u32;
             self.forward.push([slot, word(columns, rows), offset, front + (b * cut.height) as u32]);
-            self.forward_len += columns * cut.height;
+            self.forward_len += Cut::padded(columns) * cut.height;
         }
         for b in 0..cut.backward() {
             let (own, above) = cut.backward_columns(b);
@@ -143,7 +164,7 @@ impl Tiles {
             let below = blocks.below_starts[s];
             let header = [front + first, word, offset, slot + first, below, cut.below as u32, 0, 0];
             self.backward.push(header);
-            self.backward_len += (own + above) * cut.height;
+            self.backward_len += (Cut::padded(own) + Cut::padded(above)) * cut.height;
         }
     }
 
@@ -182,16 +203,17 @@ impl<T: Real> Store for TileStore<'_, T> {
         let (w, r) = (shape.width, shape.below);
         for b in 0..cut.forward() {
             let columns = cut.forward_columns(b);
-            let to = &mut self.forward[forward..forward + columns * cut.height];
+            let to = &mut self.forward[forward..forward + Cut::padded(columns) * cut.height];
             to.fill(T::default());
             for row in 0..cut.rows(w + r, b) {
-                let values = &self.dense[(b * cut.height + row) * w..][..columns.min(w)];
+                let values = &self.dense[(b * cut.height + row) * w..][..columns];
                 put(to, cut, row, 0, values.iter().copied());
             }
-            forward += columns * cut.height;
+            forward += to.len();
         }
         for b in 0..cut.backward() {
             let (own, above) = cut.backward_columns(b);
+            let (own, above) = (Cut::padded(own), Cut::padded(above));
             let first = b * cut.height;
             let to = &mut self.backward[backward..backward + (own + above) * cut.height];
             to.fill(T::default());
@@ -200,7 +222,7 @@ impl<T: Real> Store for TileStore<'_, T> {
                 put(to, cut, row, 0, column(first..w));
                 put(to, cut, row, own, column(w..w + r));
             }
-            backward += (own + above) * cut.height;
+            backward += to.len();
         }
     }
 }
@@ -218,20 +240,36 @@ fn cut(shape: FrontShape, rows_per_lane: usize, pack: usize) -> Cut {
     Cut { width: shape.width, below: shape.below, height: LANES * rows_per_lane, pack }
 }
 
-/// The number of rows per lane with which a level's tiles take least time on lavapipe: per column of a tile the reading of
-/// the vectors and as many products as rows; per tile its start.
-fn best_rows(part: &Part, level: &[u32], pack: usize) -> usize {
-    const READ: usize = 8; // nanoseconds, as are the others
+/// The best shape for a level.
+fn best_shape(part: &Part, level: &[u32], pack: usize, access: Access) -> Shape {
+    let shapes = shapes(access);
+    let blocks = || level.iter().map(|&s| part.shape(s as usize));
+    match access {
+        Access::Texel => shapes.into_iter().min_by_key(|shape| software_time(blocks(), shape.rows, pack)),
+        Access::Storage => {
+            // A few steps per lane; the widest block decides when the level ends.
+            let steps = blocks().map(|f| f.width.div_ceil(STEP) + f.below.div_ceil(STEP)).max().unwrap_or(1);
+            shapes.into_iter().find(|shape| steps <= STEPS_PER_LANE * shape.ways).or(shapes.last().copied())
+        }
+    }
+    .expect("some shape")
+}
+
+/// Steps of a lane that a GPU's level should not exceed: the loads of one are under way together, so each adds a memory
+/// latency.
+const STEPS_PER_LANE: usize = 3;
+
+/// Nanoseconds that a level's tiles take on lavapipe: per column the reading of the vectors and as many products as rows; per
+/// tile its start.
+fn software_time(blocks: impl Iterator<Item = FrontShape>, rows: usize, pack: usize) -> usize {
+    const READ: usize = 5;
     const ROW: usize = 8;
-    const TILE: usize = 40;
-    let time = |rows: usize| -> usize {
-        let of = |&s: &u32| {
-            let (columns, tiles) = cut(part.shape(s as usize), rows, pack).work();
-            columns * (READ + ROW * rows) + tiles * TILE
-        };
-        level.iter().map(of).sum()
+    const TILE: usize = 100;
+    let of = |shape: FrontShape| {
+        let (columns, tiles) = cut(shape, rows, pack).work();
+        columns * (READ + ROW * rows) + tiles * TILE
     };
-    ROWS_PER_LANE.into_iter().min_by_key(|&rows| time(rows)).expect("some number")
+    blocks.map(of).sum()
 }
 
 impl<T: Real> TileStore<'_, T> {

@@ -1,7 +1,7 @@
 // Shared by all kernels: numbers and how buffers are read.
 //
-// Compiled with REAL_f32 or REAL_f64 (the kernel's numbers) and READ_texel or READ_storage (how it reads what it does
-// not write). A declaration such as READ_VECTORS(binding, name) makes a buffer readable as name_at(i):
+// Compiled with REAL_f32 or REAL_f64 (the kernel's numbers) and READ_texel, READ_storage or READ_shuffle (how it reads what
+// it does not write: through texel buffers or storage buffers, the last with vectors handed round in the subgroup). A declaration such as READ_VECTORS(binding, name) makes a buffer readable as name_at(i):
 // READ_VECTORS four numbers per element, READ_TEXELS as many as fill 16 bytes (PACK), READ_WORDS four 32-bit words,
 // READ_INDICES one.
 #extension GL_EXT_control_flow_attributes : require
