@@ -8,8 +8,8 @@ use crate::columns::Columns;
 use crate::sparse::SymmetricCsr;
 
 /// hi + lo = a + b exactly (Knuth's TwoSum, 6 flops).
-#[inline]
-fn two_sum(a: f64, b: f64) -> (f64, f64) {
+#[inline(always)]
+pub(crate) fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let bb = sum - a;
     (sum, (a - (sum - bb)) + (b - bb))
@@ -17,8 +17,8 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
 
 /// hi + lo = a * b exactly, unless |a| or |b| exceeds 1e300 (Dekker's product, 17 flops). No fused multiply-add: without
 /// that instruction the library's `fma` is a slow call.
-#[inline]
-fn two_product(a: f64, b: f64) -> (f64, f64) {
+#[inline(always)]
+pub(crate) fn two_product(a: f64, b: f64) -> (f64, f64) {
     const SPLITTER: f64 = 134_217_729.0; // 2^27 + 1: halves of 26 bits each
     let split = |x: f64| {
         let t = SPLITTER * x;

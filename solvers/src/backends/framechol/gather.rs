@@ -116,7 +116,11 @@ impl<'a> Output<'a> {
     /// The block, borrowed for as long as threads write to it.
     pub fn new(block: &'a mut Columns<&mut [f64]>) -> Self {
         let k = block.k();
-        let data = block.data_mut();
+        Self::rows(block.data_mut(), k)
+    }
+
+    /// Rows of k numbers.
+    pub fn rows(data: &'a mut [f64], k: usize) -> Self {
         Self { data: data.as_mut_ptr(), len: data.len(), k, lifetime: PhantomData }
     }
 }

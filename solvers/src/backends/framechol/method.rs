@@ -9,6 +9,7 @@ use crate::isa::Isa;
 use crate::lanes::Lanes;
 use crate::sparse::SymmetricCsr;
 use crate::team::Team;
+use std::sync::Arc;
 
 /// What a method is made from.
 pub struct Plan<'a> {
@@ -45,6 +46,9 @@ pub trait Method: Send + Sized + 'static {
     /// As [`crate::backend::Factor::update_values`], with rows of the matrix.
     fn factorise(&mut self, values: &[f64]) -> Result<(), PrepareError>;
 
+    /// Once, after the first factorisation of `matrix` with these values: finds out what its condition asks for.
+    fn judge(&mut self, _matrix: &SymmetricCsr, _values: &[f64]) {}
+
     /// Solves for k columns of `source`; position p of the elimination order goes to row `rows[p]` of `x`.
     fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer;
 
@@ -72,6 +76,35 @@ pub struct Single<T> {
     engine: Engine<T, ()>,
 }
 
+impl<T: Lanes> Single<T> {
+    /// Columns that one sweep pair can take.
+    pub fn widest(&self) -> usize {
+        self.engine.widest()
+    }
+
+    /// Row eliminated k-th.
+    pub fn order(&self) -> Arc<[u32]> {
+        Arc::clone(&self.engine.symbolic.order)
+    }
+
+    /// Solves for some columns. Returns whether the solution is finite.
+    pub fn group(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, group: Group) -> bool {
+        let mut frame = |scale| {
+            if group.count > 4 {
+                self.engine.frame::<T::Eight>(source, scale, rows, x, group)
+            } else {
+                self.engine.frame::<T::Four>(source, scale, rows, x, group)
+            }
+        };
+        let seen = frame(1.0);
+        if seen.largest == 0.0 || T::COMFORTABLE.contains(&seen.largest) {
+            seen.finite
+        } else {
+            frame(1.0 / power_of_two(seen.largest)).finite
+        }
+    }
+}
+
 impl<T: Lanes> Method for Single<T> {
     fn new(plan: Plan<'_>) -> Result<Self, PrepareError> {
         let lanes = plan.lanes();
@@ -83,22 +116,9 @@ impl<T: Lanes> Method for Single<T> {
     }
 
     fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer {
-        let widest = self.engine.widest();
-        let mut frame = |scale, group: Group| {
-            if group.count > 4 {
-                self.engine.frame::<T::Eight>(source, scale, rows, x, group)
-            } else {
-                self.engine.frame::<T::Four>(source, scale, rows, x, group)
-            }
-        };
         let mut finite = true;
-        for group in groups(k, widest) {
-            let seen = frame(1.0, group);
-            finite &= if seen.largest == 0.0 || T::COMFORTABLE.contains(&seen.largest) {
-                seen.finite
-            } else {
-                frame(1.0 / power_of_two(seen.largest), group).finite
-            };
+        for group in groups(k, self.widest()) {
+            finite &= self.group(source, rows, x, group);
         }
         Answer { finite, pairs: None }
     }

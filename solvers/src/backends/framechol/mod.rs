@@ -5,6 +5,7 @@
 //! ```
 //! `DESIGN.md` of this crate has the layout of the factor, the task graph, the precisions, and what did not pay.
 mod bordered;
+mod careful;
 pub(super) mod constraints;
 pub(super) mod engine;
 pub(super) mod front;
@@ -31,6 +32,7 @@ use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
 use crate::sparse::{SymmetricCsr, inverse_permutation};
 use crate::system::System;
+use careful::Careful;
 use constraints::{Constraints, extend_order};
 use gather::{Dense, Output};
 use harmonic::HarmonicField;
@@ -41,9 +43,9 @@ use std::sync::Arc;
 use supernodes::Supernodes;
 use symbolic::Symbolic;
 
-/// Opens `framechol-f64`: stored and swept in f64.
+/// Opens `framechol-f64`: stored and swept in f64, twice where the system is ill-conditioned.
 pub fn open_f64(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<Single<f64>>::new(options)?))
+    Ok(Box::new(FrameChol::<Careful>::new(options)?))
 }
 
 /// Opens `framechol-f32`: factored in f64, stored and swept in f32.
@@ -113,6 +115,7 @@ impl<M: Method> FrameChol<M> {
         let mut method = M::new(Plan { isa: self.isa, symbolic, matrix, max_columns, ordering })?;
         on(Phase::Numeric);
         method.factorise(values)?;
+        method.judge(matrix, values);
         Ok((method, order))
     }
 }
