@@ -23,7 +23,7 @@ pub struct VulkanDevice {
 pub fn vulkan_devices() -> Result<Vec<VulkanDevice>, Unavailable> {
     #[cfg(feature = "vulkan")]
     {
-        let instance = crate::backends::vulkan::Instance::load(false)?;
+        let instance = crate::backends::vulkan::Instance::load(None, false)?;
         let version = |v: u32| (ash::vk::api_version_major(v), ash::vk::api_version_minor(v));
         let device = |c: crate::backends::vulkan::Candidate| VulkanDevice {
             name: c.name,

@@ -66,8 +66,8 @@ impl Buffer {
                     if device.is_unified() { Memory::HOST_CACHED } else { host },
                 )
             }
-            Place::Upload => (copies, host, Memory::empty()),
-            Place::Readback => (copies, host, Memory::HOST_CACHED),
+            Place::Upload => (copies | Usage::STORAGE_BUFFER, host, Memory::empty()),
+            Place::Readback => (copies | Usage::STORAGE_BUFFER, host, Memory::HOST_CACHED),
         };
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: the device is alive; from here on `drop` releases what was made.

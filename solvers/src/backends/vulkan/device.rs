@@ -30,6 +30,10 @@ pub struct Settings {
     pub budget: Option<u64>,
     /// Bytes that a kernel may see of one buffer; `None`: the device's limit.
     pub range: Option<u64>,
+    /// Take the device for one without f64 in shaders.
+    pub without_f64: bool,
+    /// The loader's library; `None`: where the system has it.
+    pub loader: Option<&'static str>,
 }
 
 /// Every test of this crate runs under the validation layer.
@@ -37,7 +41,15 @@ const IN_TESTS: bool = cfg!(test);
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { validation: IN_TESTS, force_staging: false, access: None, budget: None, range: None }
+        Self {
+            validation: IN_TESTS,
+            force_staging: false,
+            access: None,
+            budget: None,
+            range: None,
+            without_f64: false,
+            loader: None,
+        }
     }
 }
 
@@ -95,7 +107,7 @@ impl Device {
     /// # Errors
     /// What is missing: loader, driver, device, version.
     pub fn open(choice: Option<&str>, settings: &Settings) -> Result<Arc<Self>, Unavailable> {
-        let instance = Instance::load(settings.validation)?;
+        let instance = Instance::load(settings.loader, settings.validation)?;
         let candidate = choose(instance.devices()?, choice)?;
         if candidate.version < vk::API_VERSION_1_1 {
             return Err(Unavailable {
@@ -119,6 +131,7 @@ impl Device {
             .position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
             .ok_or_else(|| unavailable("no queue that computes".into()))?;
         let mut traits = traits(vk, device, &families[family]);
+        traits.f64 &= !settings.without_f64;
         // SAFETY: as above.
         let memory = unsafe { vk.get_physical_device_memory_properties(device) };
         let raw = make(vk, device, family as u32, traits.f64).map_err(|e| unavailable(e.to_string()))?;

@@ -33,14 +33,15 @@ pub struct Candidate {
 }
 
 impl Instance {
-    /// Loads `libvulkan` and makes an instance. With `validation`, the Khronos layer checks every call, with
+    /// Loads `libvulkan`, or `library` instead, and makes an instance. With `validation`, the Khronos layer checks every call, with
     /// synchronisation validation, and its warnings and errors are collected in [`messages`](Self::messages).
     ///
     /// # Errors
     /// What is missing and how to get it: the loader, a driver, or the layer.
-    pub fn load(validation: bool) -> Result<Self, Unavailable> {
-        // SAFETY: loading runs the library's initialisers; the system's Vulkan loader is meant for that.
-        let entry = unsafe { ash::Entry::load() }.map_err(|error| Unavailable {
+    pub fn load(library: Option<&str>, validation: bool) -> Result<Self, Unavailable> {
+        // SAFETY: loading runs the library's initialisers; a Vulkan loader is meant for that.
+        let entry = unsafe { library.map_or_else(|| ash::Entry::load(), |path| ash::Entry::load_from(path)) };
+        let entry = entry.map_err(|error| Unavailable {
             what: format!("the Vulkan loader cannot be loaded ({error})"),
             how_to_get_it: "install libvulkan.so.1 (Debian, Ubuntu: libvulkan1)".into(),
         })?;

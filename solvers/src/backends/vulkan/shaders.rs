@@ -59,6 +59,14 @@ macro_rules! shader_pair {
     }};
 }
 
+/// The shader compiled from `shaders/NAME.comp` for the numbers REAL that reads storage buffers everywhere.
+macro_rules! storage_shader {
+    ($name:literal, $real:literal, $bindings:expr, $push_words:expr) => {{
+        const CODE: &[u8] = include_bytes!(spirv!($name, $real, "storage"));
+        Shader { texel: CODE, storage: CODE, bindings: $bindings, push_words: $push_words }
+    }};
+}
+
 /// The shader compiled from `shaders/NAME.comp` for the numbers REAL.
 macro_rules! shader {
     ($name:literal, $real:literal, $bindings:expr, $push_words:expr) => {

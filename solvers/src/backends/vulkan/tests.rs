@@ -130,10 +130,10 @@ fn a_lost_device_and_a_timeout_stay_errors() {
     assert_eq!(well.run(), Ok(()), "other recordings are not touched");
 }
 
-/// Runs this test binary again on the ignored test `name` with another environment.
-fn again(name: &str, variables: &[(&str, &str)]) -> String {
+/// Runs this test binary again on the ignored test `backends::vulkan::NAME` with another environment.
+pub fn again(name: &str, variables: &[(&str, &str)]) -> String {
     let mut command = std::process::Command::new(std::env::current_exe().unwrap());
-    command.args(["--ignored", "--exact", "--nocapture", &format!("backends::vulkan::tests::{name}")]);
+    command.args(["--ignored", "--exact", "--nocapture", &format!("backends::vulkan::{name}")]);
     let output = command.envs(variables.iter().copied()).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
@@ -146,7 +146,7 @@ fn a_machine_without_drivers_says_what_to_install() {
         return;
     }
     let nowhere = [("VK_DRIVER_FILES", "/nonexistent.json"), ("VK_ICD_FILENAMES", "/nonexistent.json")];
-    let text = again("says_why_there_is_no_device", &nowhere);
+    let text = again("tests::says_why_there_is_no_device", &nowhere);
     assert!(text.contains("no Vulkan driver") && text.contains("mesa-vulkan-drivers"), "{text}");
 }
 
@@ -157,4 +157,12 @@ fn says_why_there_is_no_device() {
         Ok(device) => panic!("found {}", device.describe(1).device),
         Err(reason) => println!("{reason}"),
     }
+}
+
+#[test]
+fn a_machine_without_a_loader_says_what_to_install() {
+    let settings = Settings { loader: Some("libno-such-vulkan.so.1"), ..Settings::default() };
+    let Err(reason) = Device::open(None, &settings) else { panic!("loaded") };
+    assert!(reason.what.contains("loader cannot be loaded"), "{reason}");
+    assert!(reason.how_to_get_it.contains("libvulkan1"), "{reason}");
 }

@@ -1,42 +1,98 @@
 //! Frames of a direct solve: right-hand sides in, both sweeps in one submission, solutions out.
-use super::number::Number;
+use super::number::{GROUP, Number};
 use super::tables::{PLANE, Tables};
 use crate::backends::framechol::gather::Group;
-use crate::backends::vulkan::buffer::{Input, Output};
+use crate::backends::vulkan::buffer::{Buffer, Place};
 use crate::backends::vulkan::error::DeviceError;
+use crate::backends::vulkan::kernel::Kernel;
 use crate::backends::vulkan::plan::Plan;
 use crate::backends::vulkan::recorded::Recorded;
 use crate::columns::Columns;
+use crate::team::Team;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// A factor with the host's side of its frames.
+///
+/// The device has its vectors in planes of four columns. Where the host sees them it writes and reads them there. Elsewhere
+/// only the columns there are go to host memory of the device's, which `pack.comp` reads and writes across the bus.
 pub struct Frames<T: Number> {
     /// The factor.
     pub tables: Tables<T>,
-    rhs: Input<T>,
-    x: Output<T>,
-    /// By planes less one.
+    /// Threads that copy on the host.
+    pub team: Team,
+    vectors: Vectors,
+    /// By columns less one.
     plans: Vec<Recorded>,
     /// Dispatches of one submission.
     dispatches: usize,
     clear: Recorded,
-    /// Planes of the last frame.
+    /// Columns of the last frame.
     last: usize,
     n: usize,
+    number: std::marker::PhantomData<T>,
 }
 
-/// Lists the steps of a frame.
-fn list<T: Number>(plan: &mut Plan, tables: &Tables<T>, rhs: &Input<T>, x: &Output<T>, planes: usize) {
-    rhs.upload(plan);
-    plan.barrier();
-    plan.phase(|| "upload".into());
-    tables.sweep(plan, rhs.buffer(), x.buffer(), planes);
-    x.download(plan);
-    plan.phase(|| "download".into());
+/// Right-hand side and solution.
+struct Vectors {
+    rhs: Arc<Buffer>,
+    x: Arc<Buffer>,
+    packing: Option<Packing>,
+}
+
+/// The host's copies, packed.
+struct Packing {
+    rhs: Arc<Buffer>,
+    x: Arc<Buffer>,
+    /// There and back.
+    kernels: [Arc<Kernel>; 2],
 }
 
 /// Planes for solves of up to `columns` columns.
 pub fn planes(columns: usize) -> usize {
     if columns > PLANE { 2 } else { 1 }
+}
+
+impl Vectors {
+    fn new<T: Number>(tables: &Tables<T>, n: usize, columns: usize) -> Result<Self, DeviceError> {
+        let device = tables.device();
+        let buffer = |place, numbers: usize| Buffer::new(device, place, (numbers * size_of::<T>()) as u64);
+        let whole = (n + 1) * PLANE * planes(columns);
+        let (rhs, x) = (buffer(Place::Device, whole)?, buffer(Place::Device, whole)?);
+        let packing = if device.is_unified() {
+            None
+        } else {
+            let kernel = |back| Kernel::new(device, &T::PACKING, &[GROUP, back]);
+            Some(Packing {
+                rhs: buffer(Place::Upload, n * columns)?,
+                x: buffer(Place::Readback, n * columns)?,
+                kernels: [kernel(0)?, kernel(1)?],
+            })
+        };
+        Ok(Self { rhs, x, packing })
+    }
+
+    /// Numbers per row that the host has for `columns` columns.
+    fn width(&self, columns: usize) -> usize {
+        if self.packing.is_some() { columns } else { PLANE * planes(columns) }
+    }
+
+    /// Lists the steps of a frame.
+    fn list<T: Number>(&self, plan: &mut Plan, tables: &Tables<T>, n: usize, columns: usize) {
+        let count = n * columns;
+        let push = [count, columns, PLANE * planes(columns)].map(|word| word as u32);
+        let groups = (count as u32).div_ceil(GROUP);
+        if let Some(Packing { rhs, kernels, .. }) = &self.packing {
+            plan.dispatch(&kernels[0], &[rhs, &self.rhs].map(Buffer::all), &push, groups);
+            plan.barrier();
+            plan.phase(|| "upload".into());
+        }
+        tables.sweep(plan, &self.rhs, &self.x, planes(columns));
+        if let Some(Packing { x, kernels, .. }) = &self.packing {
+            plan.dispatch(&kernels[1], &[&self.x, x].map(Buffer::all), &push, groups);
+            plan.phase(|| "download".into());
+        }
+    }
 }
 
 impl<T: Number> Frames<T> {
@@ -45,29 +101,30 @@ impl<T: Number> Frames<T> {
     ///
     /// # Errors
     /// Where memory does not suffice or the device fails.
-    pub fn new(tables: Tables<T>, n: usize, max_columns: usize) -> Result<Self, DeviceError> {
+    pub fn new(tables: Tables<T>, team: Team, n: usize, max_columns: usize) -> Result<Self, DeviceError> {
         let device = tables.device().clone();
-        let most = planes(max_columns);
-        let rhs = Input::<T>::new(&device, (n + 1) * PLANE * most)?;
-        let x = Output::<T>::new(&device, (n + 1) * PLANE * most)?;
+        let most = max_columns.min(2 * PLANE);
+        let vectors = Vectors::new(&tables, n, most)?;
         let mut plan = Plan::new(&device);
         tables.clear(&mut plan);
-        plan.clear(rhs.buffer());
-        plan.clear(x.buffer());
+        plan.clear(&vectors.rhs);
+        plan.clear(&vectors.x);
         let mut clear = plan.record()?;
         clear.run()?;
         let (mut plans, mut dispatches) = (Vec::new(), 0);
-        for planes in 1..=most {
+        for columns in 1..=most {
             let mut plan = Plan::new(&device);
             plan.mark();
-            list(&mut plan, &tables, &rhs, &x, planes);
+            vectors.list(&mut plan, &tables, n, columns);
             plan.mark();
             dispatches = plan.dispatches();
-            let mut recorded = plan.record()?;
-            recorded.run()?;
-            plans.push(recorded);
+            plans.push(plan.record()?);
         }
-        Ok(Self { tables, rhs, x, plans, dispatches, clear, last: 1, n })
+        for columns in [PLANE.min(most), most] {
+            plans[columns - 1].run()?;
+        }
+        let number = std::marker::PhantomData;
+        Ok(Self { tables, team, vectors, plans, dispatches, clear, last: most, n, number })
     }
 
     /// The last frame once more, phase by phase.
@@ -76,7 +133,7 @@ impl<T: Number> Frames<T> {
     /// Where memory does not suffice or the device fails.
     pub fn device_phases(&self) -> Result<Vec<(String, u64)>, DeviceError> {
         let mut plan = Plan::timed(self.tables.device());
-        list(&mut plan, &self.tables, &self.rhs, &self.x, self.last);
+        self.vectors.list(&mut plan, &self.tables, self.n, self.last);
         let mut recorded = plan.record()?;
         recorded.run()?;
         Ok(recorded.phases())
@@ -89,16 +146,24 @@ impl<T: Number> Frames<T> {
 
     /// Most columns of a frame.
     pub fn widest(&self) -> usize {
-        PLANE * self.plans.len()
+        self.plans.len()
     }
 
-    /// A group of columns of `b`, times `scale`, becomes the right-hand side.
-    pub fn load(&mut self, b: Columns<&[f64]>, group: Group, scale: f64) {
-        let (n, host) = (self.n, self.rhs.host());
-        match planes(group.count) {
-            1 => load_rows(b, group, scale, &mut host.as_chunks_mut::<4>().0[..n]),
-            _ => load_rows(b, group, scale, &mut host.as_chunks_mut::<8>().0[..n]),
-        }
+    /// A group of columns of `b`, times `scale`, becomes the right-hand side. Returns the largest absolute value of the group
+    /// before that; NaN where there is one.
+    pub fn load(&mut self, b: Columns<&[f64]>, group: Group, scale: f64) -> f64 {
+        let (n, width) = (self.n, self.vectors.width(group.count));
+        let seen = self.vectors.packing.as_ref().map_or(&self.vectors.rhs, |packing| &packing.rhs);
+        // SAFETY: frames are waited for, self is borrowed exclusively, and nobody else knows the buffer.
+        let host: &mut [T] = unsafe { seen.host() }.expect("the host sees it");
+        // The bits of numbers that are not negative are ordered as they are; NaN comes last.
+        let largest = AtomicU64::new(0);
+        self.team.for_each_run(&mut host[..n * width], width, |rows, to| {
+            let from = &b.slice()[rows.start * b.k()..rows.end * b.k()];
+            let most = load_rows(from, b.k(), group, scale, to, width);
+            largest.fetch_max(most.to_bits(), Ordering::Relaxed);
+        });
+        f64::from_bits(largest.into_inner())
     }
 
     /// Both sweeps; returns the time on the device.
@@ -106,8 +171,8 @@ impl<T: Number> Frames<T> {
     /// # Errors
     /// Where the device fails.
     pub fn run(&mut self, group: Group) -> Result<Option<u64>, DeviceError> {
-        self.last = planes(group.count);
-        let recorded = &mut self.plans[self.last - 1];
+        self.last = group.count;
+        let recorded = &mut self.plans[group.count - 1];
         recorded.run()?;
         Ok(recorded.device_ns())
     }
@@ -122,11 +187,17 @@ impl<T: Number> Frames<T> {
         group: Group,
         scale: f64,
     ) -> Result<bool, DeviceError> {
-        let (n, host) = (self.n, self.x.host());
-        let finite = match planes(group.count) {
-            1 => store_rows(&host.as_chunks::<4>().0[..n], x, group, scale),
-            _ => store_rows(&host.as_chunks::<8>().0[..n], x, group, scale),
-        };
+        let (k, width) = (x.k(), self.vectors.width(group.count));
+        let seen = self.vectors.packing.as_ref().map_or(&self.vectors.x, |packing| &packing.x);
+        // SAFETY: as in `load`.
+        let host: &[T] = unsafe { seen.host() }.expect("the host sees it");
+        let finite = AtomicBool::new(true);
+        self.team.for_each_run(x.data_mut(), k, |rows, to| {
+            if !store_rows(&host[rows.start * width..rows.end * width], width, to, k, group, scale) {
+                finite.store(false, Ordering::Relaxed);
+            }
+        });
+        let finite = finite.into_inner();
         if !finite {
             self.clear.run()?;
         }
@@ -136,53 +207,60 @@ impl<T: Number> Frames<T> {
     /// Bytes on the device: all that this handle allocated there.
     pub fn device_bytes(&self) -> u64 {
         let (numbers, indices) = self.tables.factor_bytes();
-        numbers + indices + self.tables.vector_bytes() + self.rhs.buffer().bytes() + self.x.buffer().bytes()
+        let Vectors { rhs, x, .. } = &self.vectors;
+        numbers + indices + self.tables.vector_bytes() + rhs.bytes() + x.bytes()
     }
 }
 
-/// Runs `$body` with the constant `$c` equal to `$count`.
+/// Runs `$body` with the constants `$c` equal to `$count` and `$l` equal to `$width`: that, or whole planes.
 macro_rules! with_count {
-    ($count:expr, $c:ident, $body:block) => {
-        with_count!(@ $count, $c, $body, 1 2 3 4 5 6 7 8)
+    ($count:expr, $width:expr, $c:ident, $l:ident, $body:block) => {
+        with_count!(@ $count, $width, $c, $l, $body, 1 4, 2 4, 3 4, 4 4, 5 8, 6 8, 7 8, 8 8)
     };
-    (@ $count:expr, $c:ident, $body:block, $($n:literal)*) => {
+    (@ $count:expr, $width:expr, $c:ident, $l:ident, $body:block, $($n:literal $planes:literal),*) => {
         match $count {
-            $($n => { const $c: usize = $n; $body })*
+            $($n if $width == $n => { const $c: usize = $n; const $l: usize = $n; $body })*
+            $($n => { const $c: usize = $n; const $l: usize = $planes; $body })*
             other => unreachable!("a group of {other} columns"),
         }
     };
 }
 
-fn load_rows<T: Number, const L: usize>(b: Columns<&[f64]>, group: Group, scale: f64, to: &mut [[T; L]]) {
-    let (k, data) = (b.k(), b.slice());
-    with_count!(group.count, C, {
-        for (to, from) in to.iter_mut().zip(data.chunks_exact(k)) {
+/// Rows of `k` numbers to rows of `width` numbers; returns the largest absolute value.
+fn load_rows<T: Number>(from: &[f64], k: usize, group: Group, scale: f64, to: &mut [T], width: usize) -> f64 {
+    with_count!(group.count, width, C, L, {
+        let mut most = [0.0_f64; C];
+        for (to, from) in to.as_chunks_mut::<L>().0.iter_mut().zip(from.chunks_exact(k)) {
             let from = from[group.from..].first_chunk::<C>().expect("C columns");
             let mut row = [T::default(); L];
-            for c in 0..C.min(L) {
+            for c in 0..C {
+                most[c] = if from[c].abs() <= most[c] { most[c] } else { from[c].abs() };
                 row[c] = T::from_f64(from[c] * scale);
             }
             *to = row;
         }
-    });
+        most.into_iter().fold(0.0, |all, v| if v <= all { all } else { v })
+    })
 }
 
-fn store_rows<T: Number, const L: usize>(
-    from: &[[T; L]],
-    x: &mut Columns<&mut [f64]>,
+/// Rows of `width` numbers to rows of `k` numbers; returns whether all are finite.
+fn store_rows<T: Number>(
+    from: &[T],
+    width: usize,
+    to: &mut [f64],
+    k: usize,
     group: Group,
     scale: f64,
 ) -> bool {
-    let k = x.k();
-    let mut check = [0.0; L];
-    with_count!(group.count, C, {
-        for (from, to) in from.iter().zip(x.data_mut().chunks_exact_mut(k)) {
+    with_count!(group.count, width, C, L, {
+        let mut check = [0.0; C];
+        for (from, to) in from.as_chunks::<L>().0.iter().zip(to.chunks_exact_mut(k)) {
             let to = to[group.from..].first_chunk_mut::<C>().expect("C columns");
-            for c in 0..C.min(L) {
+            for c in 0..C {
                 to[c] = from[c].to_f64() * scale;
                 check[c] += 0.0 * to[c]; // NaN for an infinity or a NaN, and stays in the sum
             }
         }
-    });
-    check.iter().all(|&sum| sum == 0.0)
+        check.iter().all(|&sum| sum == 0.0)
+    })
 }

@@ -28,6 +28,7 @@ use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
 use crate::sparse::{SymmetricCsr, inverse_permutation};
 use crate::system::System;
+use crate::team::Team;
 use frames::Frames;
 use mixed::Mixed;
 use number::{Kernels, Number};
@@ -105,6 +106,13 @@ impl<T: Number, M: Method<T>> Direct<T, M> {
         Ok(Arc::clone(kernels.as_ref().expect("just made")))
     }
 
+    /// Threads for the host's part of a frame.
+    fn team(&self) -> Result<Team, PrepareError> {
+        Team::new(self.threads).map_err(|error| PrepareError::Unsupported {
+            what: format!("{} threads: the system refuses to start them ({error})", self.threads),
+        })
+    }
+
     /// Orders and analyses; returns the structure and the name of the ordering.
     fn analyse(
         &self,
@@ -151,7 +159,7 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
         on(Phase::Numeric);
         tables.factorise(matrix.values())?;
         on(Phase::Upload);
-        let frames = Frames::new(tables, n, options.max_columns)?;
+        let frames = Frames::new(tables, self.team()?, n, options.max_columns)?;
         let method = M::new(frames, matrix, matrix.values(), options.max_columns);
         Ok(Box::new(Handle { method, ordering, number: PhantomData::<fn() -> T> }))
     }
@@ -241,10 +249,12 @@ impl<T: Number> Method<T> for Single<T> {
         x: &mut Columns<&mut [f64]>,
         group: Group,
     ) -> Result<(bool, Solved), SolveError> {
-        let largest = largest(rhs, group);
+        let largest = self.frames.load(rhs, group, 1.0);
         // Only a right-hand side far from 1 is scaled: the same bits come out either way, but not the same speed.
         let scale = if T::COMFORTABLE.contains(&largest) { 1.0 } else { 1.0 / power_of_two(largest) };
-        self.frames.load(rhs, group, scale);
+        if scale != 1.0 {
+            self.frames.load(rhs, group, scale);
+        }
         let device_ns = self.frames.run(group)?;
         let finite = self.frames.store(x, group, self.frames.tables.scale / scale)?;
         Ok((finite, Solved { device_ns, ..Solved::default() }))
@@ -253,15 +263,4 @@ impl<T: Number> Method<T> for Single<T> {
     fn extra_bytes(&self) -> (u64, u64) {
         (0, 0)
     }
-}
-
-/// The largest absolute value in a group of columns; NaN where there is one.
-fn largest(block: Columns<&[f64]>, group: Group) -> f64 {
-    let mut most = [0.0_f64; 8];
-    for row in block.slice().chunks_exact(block.k()) {
-        for (most, v) in most.iter_mut().zip(&row[group.from..group.from + group.count]) {
-            *most = if v.abs() <= *most { *most } else { v.abs() };
-        }
-    }
-    most.into_iter().fold(0.0, |all, v| if v <= all { all } else { v })
 }

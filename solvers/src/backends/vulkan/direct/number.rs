@@ -41,6 +41,8 @@ pub enum Source {
 pub trait Number: Lanes + Plain {
     /// How many fill 16 bytes.
     const PACK: usize;
+    /// Vectors between host and device.
+    const PACKING: Shader;
     /// y of a level's pivots.
     const ASSEMBLE: Shader;
     /// Tiles of the forward sweep; storage buffers with vectors read by every lane, or handed round.
@@ -53,6 +55,7 @@ macro_rules! number {
     ($t:ident, $name:literal, $pack:literal, $values:ident) => {
         impl Number for $t {
             const PACK: usize = $pack;
+            const PACKING: Shader = storage_shader!("pack", $name, &[Storage, Storage], 3);
             const ASSEMBLE: Shader =
                 shader!("assemble", $name, &[Indices, $values, Indices, Indices, $values, Storage], 3);
             const FORWARD: [Shader; 2] = shader_pair!(

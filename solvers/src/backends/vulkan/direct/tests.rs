@@ -1,7 +1,7 @@
 //! Solves on the device against the matrix itself, with every way of reading, staged and not, cut and whole.
 use super::*;
 use crate::backends::vulkan::device::Access;
-use crate::backends::vulkan::tests::skip;
+use crate::backends::vulkan::tests::{again, skip};
 use crate::limits::Limits;
 use crate::registry::{Accuracy, Precision};
 use crate::residual::Residual;
@@ -75,6 +75,9 @@ fn a_factor_larger_than_kernels_may_see_is_cut() {
         let settings =
             Settings { access: Some(access), force_staging, range: Some(RANGE), ..Settings::default() };
         solves::<f64, Single<f64>>(&settings, &system, Precision::F64);
+        let settings = Settings { range: Some(RANGE / 2), ..settings };
+        solves::<f32, Single<f32>>(&settings, &system, Precision::F32);
+        solves::<f32, Mixed>(&settings, &system, Precision::Mixed);
     }
     let Some(backend) = opened::<f64, Single<f64>>(&Settings::default()) else { return };
     let factor = backend.prepare(&system, &PrepareOptions::columns(1), &mut |_| {}).expect("definite");
@@ -93,6 +96,48 @@ fn too_little_device_memory_is_an_error_with_everything_released() {
         backend.device.faults.fail_allocations_after(-1);
         drop(tiny);
         assert_eq!(backend.device.used(), 0, "{allowed} allocations succeeded");
+    }
+}
+
+#[test]
+fn one_row_is_a_system() {
+    for settings in all_settings() {
+        solves::<f64, Single<f64>>(&settings, &grid(1, 1, 3.0), Precision::F64);
+        solves::<f32, Mixed>(&settings, &grid(1, 1, 3.0), Precision::Mixed);
+    }
+}
+
+#[test]
+fn devices_without_f64_solve_in_f32_and_refine() {
+    let settings = Settings { without_f64: true, ..Settings::default() };
+    solves::<f32, Single<f32>>(&settings, &grid(31, 17, 1e-3), Precision::F32);
+    solves::<f32, Mixed>(&settings, &grid(31, 17, 1e-3), Precision::Mixed);
+    if opened::<f32, Mixed>(&settings).is_some() {
+        let Err(reason) = Direct::<f64, Single<f64>>::open(&OpenOptions::default(), &settings) else {
+            panic!("f64 on a device without it")
+        };
+        assert!(reason.how_to_get_it.contains("vulkan-direct-mixed"), "{reason}");
+    }
+}
+
+#[test]
+fn frames_allocate_nothing_and_a_timeout_reaches_the_caller() {
+    let Some(backend) = opened::<f64, Single<f64>>(&Settings::default()) else { return };
+    let system = grid(9, 7, 0.1);
+    let mut factor = backend.prepare(&system, &PrepareOptions::columns(1), &mut |_| {}).expect("definite");
+    let mut solve = || {
+        let (b, mut x) = (wave(63), vec![0.0; 63]);
+        factor.solve(Columns::new(&b, 63, 1), Columns::new(&mut x[..], 63, 1)).map(|_| x)
+    };
+    let expected = solve();
+    backend.device.faults.fail_allocations_after(0);
+    assert!(expected.is_ok() && solve() == expected);
+    backend.device.faults.fail_allocations_after(-1);
+    backend.device.faults.time_out_after(0);
+    for _ in 0..2 {
+        let outcome = solve();
+        assert!(matches!(&outcome, Err(SolveError::DeviceLost { .. })), "{outcome:?}");
+        backend.device.faults.time_out_after(-1);
     }
 }
 
@@ -134,7 +179,10 @@ fn a_bad_right_hand_side_is_named_and_forgotten() {
 /// Every level of both sweeps is timed, and the frame that is repeated for it leaves later ones alone.
 #[test]
 fn phases_of_the_device_are_told_apart() {
-    let Some(backend) = opened::<f64, Single<f64>>(&Settings::default()) else { return };
+    let Some(backend) = opened::<f64, Single<f64>>(&Settings { force_staging: true, ..Settings::default() })
+    else {
+        return;
+    };
     let (system, n) = (grid(31, 17, 1e-3), 527);
     let mut factor = backend.prepare(&system, &PrepareOptions::columns(5), &mut |_| {}).expect("definite");
     let (b, mut x, mut again) = (wave(5 * n), vec![0.0; 5 * n], vec![0.0; 5 * n]);
@@ -170,4 +218,98 @@ fn many_frames_of_two_handles_keep_their_bits_and_their_memory() {
         assert_eq!(first, x, "frame {frame}");
     }
     assert_eq!(backend.device.used(), used);
+}
+
+#[test]
+fn backends_side_by_side_do_not_disturb_each_other() {
+    let system = grid(31, 17, 1e-3);
+    let open = |id| (crate::registry::find(id).expect("a row").open)(&OpenOptions::default());
+    let ids = ["vulkan-direct-f64", "vulkan-direct-mixed", "vulkan-cg-jacobi"];
+    let mut factors = Vec::new();
+    for id in ids {
+        match open(id) {
+            Ok(backend) => {
+                factors.push(backend.prepare(&system, &PrepareOptions::columns(3), &mut |_| {}).expect(id));
+            }
+            Err(reason) => return skip(&reason.to_string()),
+        }
+    }
+    let (n, b) = (system.n(), wave(3 * system.n()));
+    let mut solve = |at: usize| {
+        let mut x = vec![0.0; 3 * n];
+        let x_columns = Columns::new(&mut x[..], n, 3);
+        factors[at].solve(Columns::new(&b, n, 3), x_columns).expect(ids[at]);
+        x
+    };
+    let first = [0, 1, 2].map(&mut solve);
+    for round in 0..4 {
+        for at in [2, 0, 1] {
+            assert_eq!(solve(at), first[at], "{} in round {round}", ids[at]);
+        }
+    }
+}
+
+/// Solves in another process with so many threads of lavapipe; returns what it printed.
+fn bits_with_threads(threads: &str) -> String {
+    let text = again("direct::tests::prints_the_bits_of_a_solution", &[("LP_NUM_THREADS", threads)]);
+    text.lines().find(|line| line.starts_with("bits")).unwrap_or_default().to_owned()
+}
+
+#[test]
+fn threads_of_the_driver_do_not_change_a_bit() {
+    if opened::<f64, Single<f64>>(&Settings::default()).is_some() {
+        let alone = bits_with_threads("0");
+        assert!(alone.len() > 5 && alone == bits_with_threads("2"), "{alone}");
+    }
+}
+
+#[test]
+#[ignore = "run by another test, with other numbers of threads"]
+fn prints_the_bits_of_a_solution() {
+    let system = grid(61, 47, 1e-3);
+    let n = system.n();
+    let mut sum = 0_u64;
+    for settings in all_settings() {
+        let backend = opened::<f64, Single<f64>>(&settings).expect("a device");
+        let mut factor =
+            backend.prepare(&system, &PrepareOptions::columns(5), &mut |_| {}).expect("definite");
+        let (b, mut x) = (wave(5 * n), vec![0.0; 5 * n]);
+        factor.solve(Columns::new(&b, n, 5), Columns::new(&mut x[..], n, 5)).expect("finite");
+        sum = x.iter().fold(sum, |sum, v| sum.rotate_left(1) ^ v.to_bits());
+    }
+    println!("bits {sum:x}");
+}
+
+#[test]
+fn ten_thousand_frames_leave_the_memory_of_the_process_flat() {
+    if opened::<f64, Single<f64>>(&Settings::default()).is_some() {
+        again("direct::tests::solves_ten_thousand_times", &[]);
+    }
+}
+
+/// Resident memory of this process, bytes; `None` where the system does not tell.
+fn resident() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/statm").ok()?;
+    Some(4096 * text.split_whitespace().nth(1)?.parse::<u64>().ok()?)
+}
+
+#[test]
+#[ignore = "run by another test, alone in its process"]
+fn solves_ten_thousand_times() {
+    // The validation layer keeps books of its own.
+    let settings = Settings { validation: false, ..Settings::default() };
+    let backend = opened::<f64, Single<f64>>(&settings).expect("a device");
+    let (system, n) = (grid(9, 7, 0.1), 63);
+    let mut factor = backend.prepare(&system, &PrepareOptions::columns(4), &mut |_| {}).expect("definite");
+    let (b, mut x) = (wave(4 * n), vec![0.0; 4 * n]);
+    let mut before = None;
+    for frame in 0..10_000 {
+        factor.solve(Columns::new(&b, n, 4), Columns::new(&mut x[..], n, 4)).expect("finite");
+        if frame == 1_000 {
+            before = resident();
+        }
+    }
+    // A page of 4096 bytes per hundred frames would show.
+    let grown = resident().zip(before).map(|(after, before)| after.saturating_sub(before));
+    assert!(grown.is_none_or(|bytes| bytes < 90 * 4096), "{grown:?} bytes in 9,000 frames");
 }
