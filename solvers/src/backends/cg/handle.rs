@@ -3,6 +3,7 @@
 use super::kernels::Sums;
 use super::krylov::{self, Force, Goal, Method, Stored, Vectors};
 use super::lanes::{Window, width};
+use super::norms;
 use super::operator::Operator;
 use super::preconditioner::{AnyPreconditioner, Preconditioner};
 use super::workers::{Strips, Workers};
@@ -13,6 +14,8 @@ use crate::error::{PrepareError, SolveError};
 /// Matrix, preconditioner and workspace.
 pub(crate) struct CgFactor<A, S> {
     matrix: A,
+    /// Inverse diagonal.
+    inverse: Vec<f64>,
     preconditioner: Box<dyn AnyPreconditioner<S>>,
     workers: Workers,
     strips: Strips,
@@ -39,8 +42,10 @@ impl<A: Operator, S: Stored> CgFactor<A, S> {
         let length = matrix.csr().n() * width(max_columns);
         let workspace = std::array::from_fn(|_| vec![S::default(); length]);
         let x = vec![0.0; length];
+        let inverse = norms::inverse_diagonal(matrix.csr());
         Self {
             matrix,
+            inverse,
             preconditioner,
             workers,
             strips,
@@ -74,7 +79,8 @@ impl<A: Operator, S: Stored> CgFactor<A, S> {
                 observer(iteration, residual);
             }
         };
-        let force = Force { workers: &mut self.workers, strips: &self.strips, sums: &mut self.sums };
+        let Self { workers, strips, sums, inverse, .. } = self;
+        let force = Force { workers, strips, sums, inverse };
         krylov::solve(force, &self.matrix, m, goal, window, rhs, x, vectors, observe)
     }
 }
@@ -102,6 +108,7 @@ impl<A: Operator, S: Stored> Factor for CgFactor<A, S> {
     fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
         on(Phase::Numeric);
         self.matrix.update(values);
+        self.inverse = norms::inverse_diagonal(self.matrix.csr());
         self.preconditioner
             .update(&mut self.workers, self.matrix.csr())
             .map_err(|error| super::in_system(error, self.matrix.rows()))
@@ -114,7 +121,7 @@ impl<A: Operator, S: Stored> Factor for CgFactor<A, S> {
 
     fn footprint(&self) -> Footprint {
         let (matrix, m) = (self.matrix.bytes() as u64, self.preconditioner.size());
-        let vectors = self.x.len() * (8 + self.workspace.len() * size_of::<S>());
+        let vectors = self.inverse.len() * 8 + self.x.len() * (8 + self.workspace.len() * size_of::<S>());
         Footprint {
             host_bytes: Some(matrix + m.bytes + vectors as u64),
             factor_nonzeros: Some(m.entries),

@@ -3,16 +3,17 @@
 //! Every lane is its own CG with its own scalars; lanes share the passes over the matrix and stop one by one. x is kept in
 //! f64, the other vectors in S: f64, or f32 where the preconditioner is in f32 as well. Sums are always in f64. Per iteration
 //! and row of W lanes the core moves, besides A and M: q = A p (reads p, writes q), r (reads r and q, writes r), the dot
-//! products (read r, z, q), x and p (read x, p and z, write x and p): 11 rows of S and 2 of f64.
+//! products (read r, z, q), x and p (read x, p and z, write x and p): 11 rows of S and 2 of f64, and a number of the diagonal.
 //!
 //! The recurrence for r drifts away from b - A x, in f32 soon. So whenever it has carried the residual of a lane down by the
 //! factor that its precision allows ([`Stored::TRUST`]), r is replaced by the true residual, computed in f64, while the
 //! search directions live on (van der Vorst and Ye 2000): what they know of A is not lost. Success is claimed from the
-//! true residual only; where it is too large then, the iteration starts again from it. The best iterate survives in the
+//! true residual only, by its 2-norm and its scaled norm ([`Norms`]); where it is too large then, the iteration starts again from it. The best iterate survives in the
 //! caller's x: when a residual rises after a minimum, the iterate before is written there.
 
 use super::kernels::{Advance, Dots, Follow, Load, Multiply, Residual, Step, Sums};
 use super::lanes::Window;
+use super::norms::Norms;
 use super::operator::Operator;
 use super::preconditioner::{Budget, Preconditioner};
 use super::workers::{Each, Strips, Workers};
@@ -71,6 +72,8 @@ pub(crate) struct Force<'a> {
     pub(crate) strips: &'a Strips,
     /// One item per strip.
     pub(crate) sums: &'a mut [Sums],
+    /// The inverse diagonal of the matrix.
+    pub(crate) inverse: &'a [f64],
 }
 
 /// What the preconditioner is used for.
@@ -87,7 +90,7 @@ pub(crate) enum Method {
 pub(crate) struct Goal {
     /// How to iterate.
     pub(crate) method: Method,
-    /// Relative residual to reach.
+    /// Relative residual to reach, in both norms.
     pub(crate) tolerance: f64,
     /// Limits on the iterations.
     pub(crate) budget: Budget,
@@ -105,7 +108,7 @@ enum Lane {
 }
 
 /// Solves A X = B for the columns of `window`; `x` holds the guess, then the solution or the best iterate.
-/// `observe` hears the iteration and the largest relative residual by recurrence.
+/// `observe` hears the iteration and the largest relative residual by recurrence, in the 2-norm.
 pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
     force: Force<'_>,
     a: &A,
@@ -120,11 +123,11 @@ pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
     let mut run = Run::new(force, a, m, goal, window, b, x, vectors);
     run.guess();
     loop {
-        let before = run.rr;
+        let before = run.size;
         run.iterate(observe);
-        run.rr = run.true_residual();
+        run.replace_residual();
         let missing = |c: usize| !run.reached(c, ACCEPTED);
-        let stuck = |c: usize| run.rr[c].is_nan() || run.rr[c] > RESTART_GAIN * RESTART_GAIN * before[c];
+        let stuck = |c: usize| run.size[c].is_nan() || run.size[c] > RESTART_GAIN * RESTART_GAIN * before[c];
         let reached = !(0..W).any(missing);
         let hopeless =
             run.exhausted() || (0..W).any(|c| missing(c) && (run.lane[c] == Lane::Broken || stuck(c)));
@@ -145,9 +148,10 @@ struct Run<'a, A, S, const W: usize> {
     out: Columns<&'a mut [f64]>,
     v: Vectors<'a, S, W>,
     lane: [Lane; W],
-    /// ||b||^2, ||r||^2 and the smallest ||r||^2 seen, per lane.
-    bb: [f64; W],
-    rr: [f64; W],
+    b_norms: Norms<W>,
+    r_norms: Norms<W>,
+    /// Squares of the relative residual, the larger of both norms, and of the smallest so far.
+    size: [f64; W],
     best: [f64; W],
     /// Whether `out` (else the current iterate) holds the best one.
     saved: [bool; W],
@@ -168,7 +172,6 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         v: Vectors<'a, S, W>,
     ) -> Self {
         let lane = std::array::from_fn(|c| if window.is_used(c) { Lane::Active } else { Lane::Resting });
-        let (bb, rr, best) = ([0.0; W], [0.0; W], [f64::INFINITY; W]);
         Self {
             force,
             a,
@@ -179,9 +182,10 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
             out,
             v,
             lane,
-            bb,
-            rr,
-            best,
+            b_norms: Norms::ZERO,
+            r_norms: Norms::ZERO,
+            size: [0.0; W],
+            best: [f64::INFINITY; W],
             saved: [false; W],
             iterations: 0,
             progress: 0,
@@ -190,13 +194,12 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
 
     /// Loads b and the guess; a guess worse than x = 0 is dropped. One product with A unless the guess is zero.
     fn guess(&mut self) {
-        let [bb, xx] = self.load();
-        (self.bb, self.rr) = (bb, bb);
-        if xx.iter().all(|&xx| xx == 0.0) {
-            return;
+        let guess = self.load();
+        if guess.iter().all(|&xx| xx == 0.0) {
+            return self.measure(self.b_norms);
         }
-        let rr = self.true_residual();
-        let keep: [bool; W] = std::array::from_fn(|c| rr[c] <= self.bb[c]); // false for NaN as well
+        self.replace_residual();
+        let keep = self.size.map(|size| size <= 1.0); // false for NaN as well
         if keep.contains(&false) {
             for (i, &row) in self.a.rows().iter().enumerate() {
                 let b = self.window.read(self.b, row as usize);
@@ -205,34 +208,50 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
                 }
             }
         }
-        self.rr = std::array::from_fn(|c| if keep[c] { rr[c] } else { self.bb[c] });
+        let choose =
+            |own: &[f64; W], b: &[f64; W]| std::array::from_fn(|c| if keep[c] { own[c] } else { b[c] });
+        self.measure(Norms {
+            plain: choose(&self.r_norms.plain, &self.b_norms.plain),
+            scaled: choose(&self.r_norms.scaled, &self.b_norms.scaled),
+        });
         self.lane = std::array::from_fn(|c| if self.reached(c, 1.0) { Lane::Resting } else { Lane::Active });
     }
 
-    /// r = b, x = the guess; returns ||b||^2 and a sum that is 0 for lanes without a guess.
-    fn load(&mut self) -> [[f64; W]; 2] {
-        let Force { workers, strips, sums } = &mut self.force;
+    /// r = b, x = the guess; returns a sum that is 0 for lanes without a guess.
+    fn load(&mut self) -> [f64; W] {
+        let Force { workers, strips, sums, inverse } = &mut self.force;
         let (isa, window, b, guess, all) =
             (workers.isa, &self.window, self.b, self.out.view(), self.a.rows());
         workers.run(strips, (&mut *self.v.r, &mut *self.v.x, Each(sums)), |_, rows, (r, x, sum)| {
-            sum.set(isa.run(Load { window, b, guess, names: &all[rows], r, x }));
+            let (names, inverse) = (&all[rows.clone()], &inverse[rows]);
+            sum.set(isa.run(Load { window, b, guess, names, inverse, r, x }));
         });
-        Sums::total(&sums[..strips.count()])
+        let strips = &sums[..strips.count()];
+        self.b_norms = Sums::norms(strips);
+        let [_, _, guess] = Sums::total(strips);
+        guess
     }
 
-    /// r = b - A x in f64, rounded once; returns ||r||^2.
-    fn true_residual(&mut self) -> [f64; W] {
-        let Force { workers, strips, sums } = &mut self.force;
+    /// r = b - A x in f64, rounded once.
+    fn replace_residual(&mut self) {
+        let Force { workers, strips, sums, inverse } = &mut self.force;
         let (isa, a, window, b, x) = (workers.isa, self.a, &self.window, self.b, &*self.v.x);
         workers.run(strips, (&mut *self.v.r, Each(sums)), |_, rows, (r, sum)| {
-            sum.set(isa.run(Residual { a, rows, window, b, x, r }));
+            sum.set(isa.run(Residual { a, rows, inverse, window, b, x, r }));
         });
-        Sums::total(&sums[..strips.count()])[0]
+        let norms = Sums::norms(&sums[..strips.count()]);
+        self.measure(norms);
+    }
+
+    /// Takes note of how large r is.
+    fn measure(&mut self, norms: Norms<W>) {
+        self.r_norms = norms;
+        self.size = std::array::from_fn(|c| norms.relative(&self.b_norms, c));
     }
 
     fn reached(&self, c: usize, slack: f64) -> bool {
         let limit = slack * self.goal.tolerance;
-        !self.window.is_used(c) || self.rr[c] <= limit * limit * self.bb[c]
+        !self.window.is_used(c) || self.size[c] <= limit * limit
     }
 
     fn exhausted(&self) -> bool {
@@ -249,23 +268,23 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         if !self.any_active() {
             return;
         }
-        let mut trusted = self.rr;
+        let mut trusted = self.size;
         self.m.apply(self.force.workers, self.v.r, self.v.z);
         let [mut rz, _] = self.dots();
         std::mem::swap(&mut self.v.p, &mut self.v.z);
         while self.any_active() && !self.exhausted() {
             let pq = self.multiply();
             let mut alpha = self.step_lengths(&rz, &pq);
-            self.rr = self.step(&alpha);
+            self.step(&alpha);
             self.iterations += 1;
             self.keep_best();
-            observe(self.iterations, self.worst());
+            observe(self.iterations, self.worst(|c| self.r_norms.plain[c] / self.b_norms.plain[c]));
             self.rest();
             let drifted = self.drifted(&trusted);
             let replaced = drifted.contains(&true);
             if replaced {
                 self.follow(&std::mem::replace(&mut alpha, [0.0; W]));
-                self.replace_residual(&drifted, &mut trusted);
+                self.correct_drift(&drifted, &mut trusted);
             }
             if !self.any_active() {
                 return self.follow(&alpha);
@@ -286,45 +305,47 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
 
     /// Active lanes whose recurrence has gone as far as it is trusted.
     fn drifted(&self, trusted: &[f64; W]) -> [bool; W] {
-        let enough = |c: usize| self.rr[c] <= S::TRUST * S::TRUST * trusted[c];
+        let enough = |c: usize| self.size[c] <= S::TRUST * S::TRUST * trusted[c];
         std::array::from_fn(|c| self.lane[c] == Lane::Active && enough(c))
     }
 
     /// Puts the true residual in the place of r. Drifted lanes break where it is not much smaller than the last time: then
     /// rounding is all that is left.
-    fn replace_residual(&mut self, drifted: &[bool; W], trusted: &mut [f64; W]) {
-        self.rr = self.true_residual();
+    fn correct_drift(&mut self, drifted: &[bool; W], trusted: &mut [f64; W]) {
+        self.replace_residual();
         for c in (0..W).filter(|&c| drifted[c]) {
-            if !(self.rr[c] <= RESTART_GAIN * RESTART_GAIN * trusted[c]) {
+            if !(self.size[c] <= RESTART_GAIN * RESTART_GAIN * trusted[c]) {
                 self.lane[c] = Lane::Broken;
             }
         }
-        *trusted = self.rr;
+        *trusted = self.size;
     }
 
     /// q = A p; returns p . q.
     fn multiply(&mut self) -> [f64; W] {
-        let Force { workers, strips, sums } = &mut self.force;
+        let Force { workers, strips, sums, .. } = &mut self.force;
         let (isa, a, p) = (workers.isa, self.a, &*self.v.p);
         workers.run(strips, (&mut *self.v.q, Each(sums)), |_, rows, (q, sum)| {
             sum.set(isa.run(Multiply { a, rows, p, q }));
         });
-        Sums::total(&sums[..strips.count()])[0]
+        let [pq] = Sums::total(&sums[..strips.count()]);
+        pq
     }
 
-    /// r -= alpha q; returns ||r||^2.
-    fn step(&mut self, alpha: &[f64; W]) -> [f64; W] {
-        let Force { workers, strips, sums } = &mut self.force;
+    /// r -= alpha q.
+    fn step(&mut self, alpha: &[f64; W]) {
+        let Force { workers, strips, sums, inverse } = &mut self.force;
         let (isa, q) = (workers.isa, &*self.v.q);
         workers.run(strips, (&mut *self.v.r, Each(sums)), |_, rows, (r, sum)| {
-            sum.set(isa.run(Step { alpha, q: &q[rows], r }));
+            sum.set(isa.run(Step { alpha, inverse: &inverse[rows.clone()], q: &q[rows], r }));
         });
-        Sums::total(&sums[..strips.count()])[0]
+        let norms = Sums::norms(&sums[..strips.count()]);
+        self.measure(norms);
     }
 
     /// r . z and q . z.
     fn dots(&mut self) -> [[f64; W]; 2] {
-        let Force { workers, strips, sums } = &mut self.force;
+        let Force { workers, strips, sums, .. } = &mut self.force;
         let (isa, r, q, z) = (workers.isa, &*self.v.r, &*self.v.q, &*self.v.z);
         workers.run(strips, Each(sums), |_, rows, sum| {
             sum.set(isa.run(Dots { r: &r[rows.clone()], q: &q[rows.clone()], z: &z[rows] }));
@@ -370,8 +391,8 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
     fn keep_best(&mut self) {
         let mut rescue = [false; W];
         for c in 0..W {
-            if self.rr[c] < PROGRESS * PROGRESS * self.best[c] {
-                (self.best[c], self.saved[c]) = (self.rr[c], false);
+            if self.size[c] < PROGRESS * PROGRESS * self.best[c] {
+                (self.best[c], self.saved[c]) = (self.size[c], false);
                 self.progress = self.iterations;
             } else if !self.saved[c] && self.lane[c] == Lane::Active {
                 (rescue[c], self.saved[c]) = (true, true);
@@ -390,18 +411,16 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
             }
             if self.reached(c, 1.0) {
                 self.lane[c] = Lane::Resting;
-            } else if !self.rr[c].is_finite() {
+            } else if !self.size[c].is_finite() {
                 self.lane[c] = Lane::Broken;
             }
         }
     }
 
-    /// Largest relative residual of the lanes in use.
-    fn worst(&self) -> f64 {
-        (0..W)
-            .filter(|&c| self.window.is_used(c))
-            .map(|c| (self.rr[c] / self.bb[c]).sqrt())
-            .fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a })
+    /// The largest `square` over the lanes in use, as a root.
+    fn worst(&self, square: impl Fn(usize) -> f64) -> f64 {
+        let used = (0..W).filter(|&c| self.window.is_used(c));
+        used.map(square).fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a }).sqrt()
     }
 
     /// Writes the columns of `mask` to the caller's x.
@@ -413,12 +432,12 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
 
     /// Writes the solution. Where the goal was missed, a lane whose saved iterate has the smaller residual keeps that.
     fn finish(mut self, reached: bool) -> Result<Solved, SolveError> {
-        let current = std::array::from_fn(|c| reached || !self.saved[c] || self.rr[c] <= self.best[c]);
+        let current = std::array::from_fn(|c| reached || !self.saved[c] || self.size[c] <= self.best[c]);
         self.write(&current);
         for c in 0..W {
-            self.rr[c] = if current[c] { self.rr[c] } else { self.best[c] };
+            self.size[c] = if current[c] { self.size[c] } else { self.best[c] };
         }
-        let (iterations, residual) = (self.iterations, self.worst());
+        let (iterations, residual) = (self.iterations, self.worst(|c| self.size[c]));
         if reached {
             Ok(Solved { iterations: Some(iterations), residual: Some(residual), device_ns: None })
         } else {

@@ -9,7 +9,8 @@
 //! | `cg-approxchol` | Cholesky with randomly sampled fill | `approxchol` |
 //! | `cg-amg`, `cg-multigrid` | multilevel cycles | [`super::multigrid`] |
 //!
-//! A solve stops, column by column, when the true relative residual ||b - A x||_2 / ||b||_2 is at most the tolerance. It
+//! A solve stops, column by column, when the true relative residual ||b - A x|| / ||b|| is at most the tolerance, in the 2-norm
+//! and as the largest entry after division by the diagonal ([`norms`]: rows with small entries count as others do). It
 //! starts from the incoming x (warm start), unless x = 0 is the better guess. Where the tolerance is out of reach
 //! (indefinite matrix, rounding, iteration limit) it ends with `NotConverged` and the best iterate in place.
 //!
@@ -26,6 +27,7 @@ pub(crate) mod jacobi;
 pub(crate) mod kernels;
 pub(crate) mod krylov;
 pub(crate) mod lanes;
+pub(crate) mod norms;
 pub(crate) mod operator;
 pub(crate) mod order;
 pub(crate) mod preconditioner;

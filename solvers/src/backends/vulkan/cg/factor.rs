@@ -9,6 +9,7 @@ use crate::backend::{Factor, Footprint, Phase, Solved};
 use crate::backends::cg::in_system;
 use crate::backends::cg::kernels::{Residual, Sums};
 use crate::backends::cg::lanes::Window;
+use crate::backends::cg::norms::{Norms, inverse_diagonal};
 use crate::backends::cg::operator::{FullCsr, Operator};
 use crate::backends::cg::workers::{Each, Strips, Workers};
 use crate::columns::Columns;
@@ -30,6 +31,8 @@ pub(super) struct CgOnDevice<T> {
     strips: Strips,
     sums: Vec<Sums>,
     matrix: FullCsr,
+    /// Inverse diagonal.
+    inverse: Vec<f64>,
     points: Option<Vec<Vector>>,
     method: Method,
     tolerance: f64,
@@ -44,8 +47,8 @@ pub(super) struct CgOnDevice<T> {
 
 /// A window of columns while it is solved.
 struct Course {
-    bb: [f64; LANES],
-    rr: [f64; LANES],
+    b: Norms<LANES>,
+    r: Norms<LANES>,
     iterations: u32,
     device_ns: Option<u64>,
 }
@@ -72,6 +75,7 @@ impl<T: Number> CgOnDevice<T> {
             sums: vec![Sums::default(); strips.count()],
             strips,
             workers,
+            inverse: inverse_diagonal(matrix.csr()),
             matrix,
             points,
             method,
@@ -98,10 +102,11 @@ impl<T: Number> CgOnDevice<T> {
             if !missing.contains(&true) {
                 break;
             }
-            let before = course.rr;
+            let before = course.sizes();
             let broken = self.correct(&missing, &mut course)?;
-            course.rr = self.residual(&window, b);
-            let stuck = |c: usize| !(course.rr[c] <= GAIN * GAIN * before[c]);
+            course.r = self.residual(&window, b);
+            let sizes = course.sizes();
+            let stuck = |c: usize| !(sizes[c] <= GAIN * GAIN * before[c]);
             let still = self.missing(&course, &window);
             let exhausted = course.iterations >= self.method.budget().iterations;
             if (0..LANES).any(|c| still[c] && (broken[c] || stuck(c) || exhausted)) {
@@ -117,46 +122,47 @@ impl<T: Number> CgOnDevice<T> {
 
     /// Loads the guess, unless x = 0 is better.
     fn guess(&mut self, window: &Window<LANES>, b: Columns<&[f64]>, guess: Columns<&[f64]>) -> Course {
-        let mut bb = [0.0; LANES];
+        let mut norms = Norms::ZERO;
         for (i, &row) in self.matrix.rows().iter().enumerate() {
             self.x[i] = window.read(guess, row as usize);
-            let own = window.read(b, row as usize);
-            (0..LANES).for_each(|c| bb[c] += own[c] * own[c]);
+            norms.add(&window.read(b, row as usize), self.inverse[i]);
         }
-        let rr = self.residual(window, b);
-        let keep: [bool; LANES] = std::array::from_fn(|c| rr[c] <= bb[c]); // false for NaN as well
-        let mut course = Course { bb, rr, iterations: 0, device_ns: None };
+        let r = self.residual(window, b);
+        let mut course = Course { b: norms, r, iterations: 0, device_ns: None };
+        let keep = course.sizes().map(|size| size <= 1.0); // false for NaN as well
         if keep.contains(&false) {
             for x in &mut self.x {
                 (0..LANES).filter(|&c| !keep[c]).for_each(|c| x[c] = 0.0);
             }
-            course.rr = self.residual(window, b);
+            course.r = self.residual(window, b);
         }
         course
     }
 
-    /// r = b - A x in f64; returns ||r||^2.
-    fn residual(&mut self, window: &Window<LANES>, b: Columns<&[f64]>) -> [f64; LANES] {
-        let (isa, a, x) = (self.workers.isa, &self.matrix, &self.x[..]);
+    /// r = b - A x in f64; returns its norms.
+    fn residual(&mut self, window: &Window<LANES>, b: Columns<&[f64]>) -> Norms<LANES> {
+        let (isa, a, x, inverse) = (self.workers.isa, &self.matrix, &self.x[..], &self.inverse[..]);
         self.workers.run(&self.strips, (&mut self.r[..], Each(&mut self.sums)), |_, rows, (r, sum)| {
-            sum.set(isa.run(Residual { a, rows, window, b, x, r }));
+            sum.set(isa.run(Residual { a, rows, inverse, window, b, x, r }));
         });
-        Sums::total(&self.sums)[0]
+        Sums::norms(&self.sums)
     }
 
     fn missing(&self, course: &Course, window: &Window<LANES>) -> [bool; LANES] {
-        let limit = ACCEPTED * self.tolerance;
-        std::array::from_fn(|c| window.is_used(c) && !(course.rr[c] <= limit * limit * course.bb[c]))
+        let (limit, sizes) = (ACCEPTED * self.tolerance, course.sizes());
+        std::array::from_fn(|c| window.is_used(c) && !(sizes[c] <= limit * limit))
     }
 
     /// x += what the device makes of r for the columns `missing`. Returns the columns that broke down or stood still.
     fn correct(&mut self, missing: &[bool; LANES], course: &mut Course) -> Result<[bool; LANES], SolveError> {
         // r goes over at unit norm, a power of two apart, so that f32 holds it.
+        let rr = course.r.plain;
         let scale: [f64; LANES] =
-            std::array::from_fn(|c| if missing[c] { course.rr[c].sqrt().log2().floor().exp2() } else { 1.0 });
-        let goal = self.tolerance * self.tolerance;
+            std::array::from_fn(|c| if missing[c] { rr[c].sqrt().log2().floor().exp2() } else { 1.0 });
+        // The device watches the 2-norm alone: it goes as far below as the other norm, if that is larger, has to.
+        let (goal, sizes) = (self.tolerance * self.tolerance, course.sizes());
         let limit = std::array::from_fn(|c| {
-            let enough = f64::max(goal * course.bb[c], T::TRUST * T::TRUST * course.rr[c]);
+            let enough = f64::max(goal / sizes[c], T::TRUST * T::TRUST) * rr[c];
             if missing[c] { enough / (scale[c] * scale[c]) } else { f64::INFINITY }
         });
         let r = &self.r;
@@ -186,9 +192,9 @@ impl<T: Number> CgOnDevice<T> {
             let rows = self.iteration.history().take((course.iterations - told) as usize);
             for (k, rr) in rows.enumerate() {
                 let number = told + k as u32 + 1;
-                let relative = |c: usize| (rr[c] * scale[c] * scale[c] / course.bb[c]).sqrt();
+                let relative = |c: usize| (rr[c] * scale[c] * scale[c] / course.b.plain[c]).sqrt();
                 if let Some(observer) = &mut self.observer {
-                    let used = (0..LANES).filter(|&c| course.bb[c] > 0.0).map(relative);
+                    let used = (0..LANES).filter(|&c| course.b.plain[c] > 0.0).map(relative);
                     observer(number, used.fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a }));
                 }
                 for c in 0..LANES {
@@ -239,9 +245,14 @@ fn prepare<T: Number>(
 impl Course {
     /// Largest relative residual.
     fn worst(&self, window: &Window<LANES>) -> f64 {
-        let relative = |c: usize| (self.rr[c] / self.bb[c]).sqrt();
-        let used = (0..LANES).filter(|&c| window.is_used(c)).map(relative);
+        let sizes = self.sizes();
+        let used = (0..LANES).filter(|&c| window.is_used(c)).map(|c| sizes[c].sqrt());
         used.fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a })
+    }
+
+    /// Squares of the relative residuals, the larger of both norms.
+    fn sizes(&self) -> [f64; LANES] {
+        std::array::from_fn(|c| self.r.relative(&self.b, c))
     }
 }
 
@@ -274,6 +285,7 @@ impl<T: Number> Factor for CgOnDevice<T> {
     /// Everything on the device is made again.
     fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
         self.matrix.update(values);
+        self.inverse = inverse_diagonal(self.matrix.csr());
         let Self { device, workers, kernels, matrix, points, method, .. } = self;
         let (iteration, entries) = prepare(device, workers, kernels, matrix, points.as_deref(), *method, on)?;
         (self.iteration, self.entries) = (iteration, entries);
@@ -288,7 +300,9 @@ impl<T: Number> Factor for CgOnDevice<T> {
     fn footprint(&self) -> Footprint {
         let bytes = (self.entries * (4 + size_of::<T>())) as u64;
         Footprint {
-            host_bytes: Some((self.matrix.bytes() + 2 * self.x.len() * LANES * 8) as u64),
+            host_bytes: Some(
+                (self.matrix.bytes() + self.inverse.len() * 8 + 2 * self.x.len() * LANES * 8) as u64,
+            ),
             device_bytes: Some(self.device.used()),
             factor_nonzeros: Some(self.entries as u64),
             factor_bytes: Some(bytes),
