@@ -27,6 +27,8 @@ use crate::isa::Real;
 const ACCEPTED: f64 = 1.05;
 /// A restart must at least halve the true residual, or rounding is all that is left.
 const RESTART_GAIN: f64 = 0.5;
+/// A recurrence is lost where the true residual is twice what it says.
+const LOST: f64 = 2.0;
 /// An iterate counts as better, and as progress, where its residual is below nine tenths of the smallest before.
 const PROGRESS: f64 = 0.9;
 
@@ -125,7 +127,7 @@ pub(crate) fn solve<A: Operator, S: Stored, const W: usize>(
     loop {
         let before = run.size;
         run.iterate(observe);
-        run.replace_residual();
+        run.end_of_recurrence();
         let missing = |c: usize| !run.reached(c, ACCEPTED);
         let stuck = |c: usize| run.size[c].is_nan() || run.size[c] > RESTART_GAIN * RESTART_GAIN * before[c];
         let reached = !(0..W).any(missing);
@@ -241,6 +243,15 @@ impl<'a, A: Operator, S: Stored, const W: usize> Run<'a, A, S, W> {
         });
         let norms = Sums::norms(&sums[..strips.count()]);
         self.measure(norms);
+    }
+
+    /// Replaces r; where the recurrence had lost the true residual, what it called the best iterate is none.
+    fn end_of_recurrence(&mut self) {
+        let told = self.size;
+        self.replace_residual();
+        for c in (0..W).filter(|&c| self.size[c] > LOST * LOST * told[c]) {
+            (self.best[c], self.saved[c]) = (self.size[c], false);
+        }
     }
 
     /// Takes note of how large r is.

@@ -21,6 +21,8 @@ use std::sync::Arc;
 const ACCEPTED: f64 = 1.05;
 /// A refinement must at least halve the residual, or rounding is all that is left.
 const GAIN: f64 = 0.5;
+/// So a refinement is asked for half of that at least, even where less is missing.
+const LEAST: f64 = 0.5 * GAIN;
 /// A residual is progress where it is below nine tenths of the smallest before.
 const PROGRESS: f64 = 0.9;
 
@@ -162,7 +164,7 @@ impl<T: Number> CgOnDevice<T> {
         // The device watches the 2-norm alone: it goes as far below as the other norm, if that is larger, has to.
         let (goal, sizes) = (self.tolerance * self.tolerance, course.sizes());
         let limit = std::array::from_fn(|c| {
-            let enough = f64::max(goal / sizes[c], T::TRUST * T::TRUST) * rr[c];
+            let enough = f64::max((goal / sizes[c]).min(LEAST * LEAST), T::TRUST * T::TRUST) * rr[c];
             if missing[c] { enough / (scale[c] * scale[c]) } else { f64::INFINITY }
         });
         let r = &self.r;
