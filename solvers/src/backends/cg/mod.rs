@@ -10,7 +10,7 @@
 //! | `cg-amg`, `cg-multigrid` | multilevel cycles | [`super::multigrid`] |
 //!
 //! A solve stops, column by column, when the true relative residual ||b - A x|| / ||b|| is at most the tolerance, in the 2-norm
-//! and as the largest entry after division by the diagonal ([`norms`]: rows with small entries count as others do). It
+//! and as the largest entry after division by the diagonal (`norms`: rows with small entries count as others do). It
 //! starts from the incoming x (warm start), unless x = 0 is the better guess. Where the tolerance is out of reach
 //! (indefinite matrix, rounding, iteration limit) it ends with `NotConverged` and the best iterate in place.
 //!
