@@ -10,15 +10,16 @@ use super::engine::{Engine, groups, power_of_two};
 use super::gather::{Group, Output, Scatter, Source};
 use super::method::{Answer, Method, Plan};
 use super::panels::Reach;
+use super::passes::{Judge, Product, Round, Sum};
+use super::rows::Rows;
 use super::sweep::{Backward, Forward, accumulate};
 use super::symbolic::{Part, Symbolic};
 use crate::aligned::Aligned;
 use crate::backend::Footprint;
 use crate::error::PrepareError;
-use crate::isa::{Features, Isa, Kernel, Real};
-use crate::lanes::{F32x4, F32x8, F64x4, F64x8, Shape, Vector};
+use crate::isa::Isa;
+use crate::lanes::{F32x4, F32x8, F64x4, F64x8, Shape};
 use crate::ordering::inverse;
-use crate::sparse::SymmetricCsr;
 use crate::team::Team;
 use std::ops::Range;
 
@@ -58,98 +59,12 @@ pub struct Refined {
     norm: f64,
 }
 
-/// Rows of the matrix in local numbers. A thread has the rows of its pivots, and of the rows of the top the entries in
-/// its pivots' columns; the top has its own block.
-struct Rows {
-    starts: Vec<u32>,
-    columns: Vec<u32>,
-    values: Vec<f64>,
-    /// Where each value is found in the matrix.
-    source: Vec<u32>,
-}
-
-impl Rows {
-    fn new(symbolic: &Symbolic, part: usize, matrix: &SymmetricCsr, position: &[u32]) -> Self {
-        let own = &symbolic.parts[part];
-        let first = own.first_position;
-        let top = symbolic.top_positions().start as u32;
-        let is_top = part == symbolic.threads();
-        // By local number, counted from the part's first.
-        let local = |k: u32| if !is_top && k >= top { k - top + own.pivots() as u32 } else { k - first };
-        let rows = if is_top { own.pivots() } else { own.slab as usize };
-        // Entry (a, b) with a < b belongs to the part of a: found from either side of the stored triangle.
-        let range = first..first + own.pivots() as u32;
-        let visit = |each: &mut dyn FnMut(u32, u32, u32)| {
-            for i in 0..matrix.n() {
-                for entry in matrix.row_range(i) {
-                    let (a, b) = (position[i], position[matrix.columns()[entry] as usize]);
-                    let (a, b) = (a.min(b), a.max(b));
-                    if range.contains(&a) {
-                        each(local(a), local(b), entry as u32);
-                        if a != b {
-                            each(local(b), local(a), entry as u32);
-                        }
-                    }
-                }
-            }
-        };
-        let mut starts = vec![0_u32; rows + 1];
-        visit(&mut |row, _, _| starts[row as usize + 1] += 1);
-        for row in 0..rows {
-            starts[row + 1] += starts[row];
-        }
-        let mut next = starts.clone();
-        let mut entries = vec![(0, 0); starts[rows] as usize];
-        visit(&mut |row, column, entry| {
-            entries[next[row as usize] as usize] = (column + own.first_local, entry);
-            next[row as usize] += 1;
-        });
-        for row in starts.windows(2) {
-            entries[row[0] as usize..row[1] as usize].sort_unstable();
-        }
-        let (columns, source): (Vec<u32>, Vec<u32>) = entries.into_iter().unzip();
-        Self { values: vec![0.0; columns.len()], starts, columns, source }
-    }
-
-    fn update(&mut self, values: &[f64]) {
-        for (value, &source) in self.values.iter_mut().zip(&self.source) {
-            *value = values[source as usize];
-        }
-    }
-
-    fn bytes(&self) -> u64 {
-        self.bytes_read() + size_of_val(&self.source[..]) as u64
-    }
-
-    /// Bytes of one product.
-    fn bytes_read(&self) -> u64 {
-        (size_of_val(&self.starts[..]) + size_of_val(&self.columns[..]) + size_of_val(&self.values[..]))
-            as u64
-    }
-
-    /// Row `i` of the matrix times `work`. Per entry: 12 bytes of matrix, a row of `work`, one multiply-add of K lanes.
-    #[inline(always)]
-    fn product<F: Features, S: Shape<T = f32>, W: Shape<T = f64>>(
-        &self,
-        i: usize,
-        work: &[S::Row],
-    ) -> W::Vector<F> {
-        let range = self.starts[i] as usize..self.starts[i + 1] as usize;
-        let mut sum = W::Vector::<F>::zero();
-        for (&column, &value) in self.columns[range.clone()].iter().zip(&self.values[range]) {
-            let row = widen::<S, W>(&work[column as usize]);
-            sum = sum.add_scaled(value, W::Vector::<F>::load(&row));
-        }
-        sum
-    }
-}
-
 /// Largest absolute values, lane by lane.
 #[derive(Clone, Copy, Default)]
-struct Norms {
-    residual: [f64; 8],
-    solution: [f64; 8],
-    step: [f64; 8],
+pub struct Norms {
+    pub residual: [f64; 8],
+    pub solution: [f64; 8],
+    pub step: [f64; 8],
 }
 
 impl Norms {
@@ -448,178 +363,4 @@ impl Symbolic {
     fn own_rows(&self, t: usize) -> usize {
         if t == 0 { self.parts[0].slab as usize } else { self.parts[t].pivots() }
     }
-}
-
-/// work := scale * residual, rounded; most := max(most, |residual|).
-struct Round<'a, S: Shape, W: Shape> {
-    residual: &'a [W::Row],
-    scale: f64,
-    work: &'a mut [S::Row],
-    most: &'a mut W::Row,
-}
-
-impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Round<'_, S, W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<F: Features>(self) {
-        let mut most = *self.most; // in a register
-        for (work, residual) in self.work.iter_mut().zip(self.residual) {
-            *work = narrow::<S, W>(residual, self.scale);
-            keep_largest::<W>(&mut most, residual);
-        }
-        *self.most = most;
-    }
-}
-
-/// out := the rows of the matrix from `first` on, times work.
-struct Product<'a, S: Shape, W: Shape> {
-    matrix: &'a Rows,
-    first: usize,
-    work: &'a [S::Row],
-    out: &'a mut [W::Row],
-}
-
-impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Product<'_, S, W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<F: Features>(self) {
-        for (i, out) in self.out.iter_mut().enumerate() {
-            self.matrix.product::<F, S, W>(self.first + i, self.work).store(out);
-        }
-    }
-}
-
-/// The norms of residual - A d, x + d and d, with d = unit * work and x the sum of the steps before; with `keep` these are
-/// stored, and the residual times it becomes `other`.
-///
-/// Per row of K columns: [`Rows::product`]; 8 K bytes of residual and 4 K of each step read, with `keep` 12 K written.
-struct Judge<'a, S: Shape, W: Shape> {
-    matrix: &'a Rows,
-    /// Local numbers of the matrix's first rows.
-    rows: Range<usize>,
-    /// What others add to A work, row by row; or nothing.
-    more: &'a [W::Row],
-    work: &'a [S::Row],
-    unit: f64,
-    pairs: u32,
-    keep: Option<f64>,
-    residual: &'a mut [W::Row],
-    other: &'a mut [S::Row],
-    solution: &'a mut [W::Row],
-}
-
-impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Judge<'_, S, W> {
-    type Output = Norms;
-
-    #[inline(always)]
-    fn run<F: Features>(self) -> Norms {
-        let Self { matrix, rows, more, work, unit, pairs, keep, residual, other, solution } = self;
-        let mut most = [W::Row::default(); 3];
-        for (i, row) in rows.enumerate() {
-            let mut product = matrix.product::<F, S, W>(i, work);
-            if let Some(more) = more.get(i) {
-                product = product.add(W::Vector::<F>::load(more));
-            }
-            let (mut left, mut step, mut sum) = (W::Row::default(), W::Row::default(), W::Row::default());
-            W::Vector::<F>::load(&residual[row]).sub_scaled(unit, product).store(&mut left);
-            let last = scaled::<F, S, W>(&work[row], unit);
-            last.store(&mut step);
-            before::<F, S, W>(pairs, row, other, unit, solution).add(last).store(&mut sum);
-            keep_largest::<W>(&mut most[0], &left);
-            keep_largest::<W>(&mut most[1], &sum);
-            keep_largest::<W>(&mut most[2], &step);
-            if let Some(scale) = keep {
-                residual[row] = left;
-                other[row] = narrow::<S, W>(&left, scale);
-                if pairs > 1 {
-                    solution[row] = sum;
-                }
-            }
-        }
-        let mut norms = Norms::default();
-        for c in 0..W::K {
-            norms.residual[c] = most[0].as_ref()[c];
-            norms.solution[c] = most[1].as_ref()[c];
-            norms.step[c] = most[2].as_ref()[c];
-        }
-        norms
-    }
-}
-
-/// sums\[i\] := the solution in local row first + i after the pair of this number.
-struct Sum<'a, S: Shape, W: Shape> {
-    first: usize,
-    work: &'a [S::Row],
-    unit: f64,
-    pairs: u32,
-    other: &'a [S::Row],
-    solution: &'a [W::Row],
-    sums: &'a mut [W::Row],
-}
-
-impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Sum<'_, S, W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<F: Features>(self) {
-        let Self { first, work, unit, pairs, other, solution, sums } = self;
-        for (i, sum) in sums.iter_mut().enumerate() {
-            let row = first + i;
-            let last = scaled::<F, S, W>(&work[row], unit);
-            before::<F, S, W>(pairs, row, other, unit, solution).add(last).store(sum);
-        }
-    }
-}
-
-/// The sum of the steps before the pair of this number.
-#[inline(always)]
-fn before<F: Features, S: Shape<T = f32>, W: Shape<T = f64>>(
-    pairs: u32,
-    row: usize,
-    other: &[S::Row],
-    unit: f64,
-    solution: &[W::Row],
-) -> W::Vector<F> {
-    match pairs {
-        1 => W::Vector::<F>::zero(),
-        2 => scaled::<F, S, W>(&other[row], unit),
-        _ => W::Vector::<F>::load(&solution[row]),
-    }
-}
-
-/// most := max(most, |row|) in every lane: one instruction each. A NaN is passed over; the store of the solution sees it.
-#[inline(always)]
-fn keep_largest<W: Shape<T = f64>>(most: &mut W::Row, row: &W::Row) {
-    for (most, value) in most.as_mut().iter_mut().zip(row.as_ref()) {
-        let size = value.abs();
-        *most = if size > *most { size } else { *most };
-    }
-}
-
-/// unit * row in f64.
-#[inline(always)]
-fn scaled<F: Features, S: Shape<T = f32>, W: Shape<T = f64>>(row: &S::Row, unit: f64) -> W::Vector<F> {
-    W::Vector::<F>::zero().add_scaled(unit, W::Vector::<F>::load(&widen::<S, W>(row)))
-}
-
-/// The row in f64.
-#[inline(always)]
-fn widen<S: Shape<T = f32>, W: Shape<T = f64>>(row: &S::Row) -> W::Row {
-    let mut out = W::Row::default();
-    for c in 0..S::K {
-        out.as_mut()[c] = row.as_ref()[c].to_f64();
-    }
-    out
-}
-
-/// scale * row, rounded.
-#[inline(always)]
-fn narrow<S: Shape<T = f32>, W: Shape<T = f64>>(row: &W::Row, scale: f64) -> S::Row {
-    let mut out = S::Row::default();
-    for c in 0..S::K {
-        out.as_mut()[c] = f32::from_f64(row.as_ref()[c] * scale);
-    }
-    out
 }

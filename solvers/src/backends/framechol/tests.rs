@@ -102,19 +102,14 @@ fn fronts_wider_than_a_strip_are_solved() {
 
 #[test]
 fn large_fronts_are_shared_by_the_threads() {
-    // A clique that separates two others, each of which separates two more: the first three are the top.
-    let (size, parent) = ([170, 170, 170, 40, 40, 40, 40], [usize::MAX, 0, 0, 1, 1, 2, 2]);
-    let starts: Vec<u32> = size.iter().scan(0, |end, s| Some(std::mem::replace(end, *end + s))).collect();
-    let members = |at: usize| starts[at]..starts[at] + size[at];
+    // A cube of vertices: its separators are squares, of some 17 x 17 and 17 x 8, in the top where there are four threads.
+    let side = 17;
     let mut edges = Vec::new();
-    for own in 0..size.len() {
-        let mut at = own;
-        while at != usize::MAX {
-            edges.extend(members(own).flat_map(|a| members(at).map(move |b| (a, b))).filter(|(a, b)| a > b));
-            at = parent[at];
-        }
+    for v in 0..side * side * side {
+        let next = [(v % side, 1), (v / side % side, side), (v / side / side, side * side)];
+        edges.extend(next.into_iter().filter(|(at, _)| at + 1 < side).map(|(_, step)| (v + step, v)));
     }
-    let a = matrix(size.iter().sum::<u32>() as usize, &edges);
+    let a = matrix((side * side * side) as usize, &edges);
     for isa in Isa::available() {
         assert_solves::<Single<f64>>(Precision::F64, isa, 4, &a, 3);
         assert_solves::<Refined>(Precision::Mixed, isa, 3, &a, 3);
