@@ -7,7 +7,7 @@ use crate::backends::framechol::engine::power_of_two;
 use crate::backends::framechol::gather::Group;
 use crate::columns::Columns;
 use crate::error::SolveError;
-use crate::sparse::SymmetricCsr;
+use crate::sparse::{FullPattern, SymmetricCsr};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most sweep pairs of a solve.
@@ -32,37 +32,19 @@ pub struct Mixed {
 
 /// All entries of a symmetric matrix, row by row: threads share the rows.
 struct Rows {
-    starts: Vec<u32>,
-    /// Column, and the stored entry with the value.
-    entries: Vec<(u32, u32)>,
+    pattern: FullPattern,
+    /// Of the stored triangle.
     values: Vec<f64>,
 }
 
 impl Rows {
     fn new(matrix: &SymmetricCsr) -> Self {
-        let n = matrix.n();
-        let mut starts = vec![0_u32; n + 1];
-        let each = |link: &mut dyn FnMut(usize, usize, usize)| {
-            for i in 0..n {
-                for entry in matrix.row_range(i) {
-                    let j = matrix.columns()[entry] as usize;
-                    link(i, j, entry);
-                    if i != j {
-                        link(j, i, entry);
-                    }
-                }
-            }
-        };
-        each(&mut |i, _, _| starts[i + 1] += 1);
-        for i in 0..n {
-            starts[i + 1] += starts[i];
-        }
-        let (mut next, mut entries) = (starts.clone(), vec![(0, 0); starts[n] as usize]);
-        each(&mut |i, j, entry| {
-            entries[next[i] as usize] = (j as u32, entry as u32);
-            next[i] += 1;
-        });
-        Self { starts, entries, values: vec![0.0; matrix.stored()] }
+        Self { pattern: matrix.full_pattern(), values: vec![0.0; matrix.stored()] }
+    }
+
+    fn bytes(&self) -> u64 {
+        let FullPattern { starts, columns, source } = &self.pattern;
+        (4 * (starts.len() + columns.len() + source.len()) + 8 * self.values.len()) as u64
     }
 
     /// Rows `first..` of b - A x, k columns each; returns the largest absolute value. `b` is those rows of n x `wide`, from its
@@ -74,11 +56,12 @@ impl Rows {
         x: &[f64],
         out: &mut [f64],
     ) -> f64 {
+        let FullPattern { starts, columns, source } = &self.pattern;
         let (x, mut most) = (x.as_chunks::<K>().0, [0.0_f64; K]);
         for (i, (out, b)) in out.as_chunks_mut::<K>().0.iter_mut().zip(b.chunks_exact(wide)).enumerate() {
             let mut row = *b[from..].first_chunk::<K>().expect("K columns");
-            let range = self.starts[first + i] as usize..self.starts[first + i + 1] as usize;
-            for &(j, entry) in &self.entries[range] {
+            let range = starts[first + i] as usize..starts[first + i + 1] as usize;
+            for (&j, &entry) in columns[range.clone()].iter().zip(&source[range]) {
                 let (value, x) = (self.values[entry as usize], &x[j as usize]);
                 (0..K).for_each(|c| row[c] -= value * x[c]);
             }
@@ -180,8 +163,7 @@ impl Method<f32> for Mixed {
     }
 
     fn extra_bytes(&self) -> (u64, u64) {
-        let Rows { starts, entries, values } = &self.matrix;
-        let matrix = (4 * starts.len() + 8 * entries.len() + 8 * values.len()) as u64;
+        let matrix = self.matrix.bytes();
         (matrix + 24 * self.residual.len() as u64, matrix)
     }
 }
