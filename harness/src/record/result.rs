@@ -285,7 +285,8 @@ pub struct Bandwidth {
     pub gb_per_s: Option<f64>,
     /// The same against `read_gb_per_s`.
     pub fraction_of_read: Option<f64>,
-    /// Read bandwidth measured between the rounds, at the cell's threads and the factor's size.
+    /// Read bandwidth of the host's memory measured between the rounds, at the cell's threads and the factor's size; null
+    /// where the factor lies in a card's own.
     pub read_gb_per_s: Option<f64>,
 }
 

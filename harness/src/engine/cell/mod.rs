@@ -27,7 +27,7 @@ use super::solver::Solver;
 use super::source::Source;
 use super::task::edits::FirstEdit;
 use super::task::{Goal, Task};
-use crate::record::names::Status;
+use crate::record::names::{DeviceType, Status};
 use crate::record::result::{Cell, Phases, SetUp};
 use crate::statistics::percentiles;
 use crate::verify::solution::Checked;
@@ -228,8 +228,12 @@ impl<'a> Running<'a> {
         &self.changes
     }
 
-    /// Measures the read bandwidth at the factor's size, in this process, for comparison.
+    /// Measures the read bandwidth at the factor's size, in this process, for comparison; not where the factor lies in a card's
+    /// own memory, which has nothing to do with this process'.
     pub fn measure_bandwidth(&mut self) {
+        if self.cell.device_type == Some(DeviceType::Discrete) {
+            return;
+        }
         let Some(bytes) = self.cell.factor.bytes else { return };
         self.read_rates.extend(bandwidth::read_bandwidth(bytes, self.cell.threads));
     }
