@@ -7,24 +7,31 @@ use lapsolve::sparse::SymmetricCsr;
 /// Condition number of `matrix` in the 1-norm (for a symmetric matrix also the infinity norm), as found with `factor`;
 /// `None` where a solve fails. A lower bound, in practice within a factor of three.
 pub fn condition_number(factor: &mut dyn Factor, matrix: &SymmetricCsr) -> Option<f64> {
-    Some(matrix.infinity_norm() * inverse_norm(factor, matrix.n())?)
+    Some(matrix.infinity_norm() * inverse_norm(factor, &vec![1.0; matrix.n()])?)
 }
 
-/// ||A^-1||_1 by Higham's version of Hager's method (Higham 1988, algorithm 4.1; LAPACK's DLACON): gradient ascent of
-/// ||A^-1 x||_1 over the unit ball, whose maximum is at a corner, and one alternating vector against bad luck.
-fn inverse_norm(factor: &mut dyn Factor, n: usize) -> Option<f64> {
+/// Largest entry of x - y where A y = b and |A x - b| <= `residual` row by row: || |A^-1| r ||_inf for a symmetric A, as
+/// LAPACK's xPORFS estimates it, with `factor` for A^-1. From below, as [`condition_number`]; `None` where a solve fails.
+pub fn forward_bound(factor: &mut dyn Factor, residual: &[f64]) -> Option<f64> {
+    inverse_norm(factor, residual)
+}
+
+/// ||D A^-1||_1 = ||A^-1 D||_inf, D the diagonal `scale` (>= 0), by Higham's version of Hager's method (Higham 1988, algorithm 4.1; LAPACK's DLACON): gradient ascent of
+/// ||D A^-1 x||_1 over the unit ball, whose maximum is at a corner, and one alternating vector against bad luck.
+fn inverse_norm(factor: &mut dyn Factor, scale: &[f64]) -> Option<f64> {
     const STEPS: usize = 5;
+    let n = scale.len();
     let mut solve = |b: &[f64]| {
         let mut x = vec![0.0; n];
         factor.solve(Columns::new(b, n, 1), Columns::new(&mut x, n, 1)).ok().map(|_| x)
     };
-    let norm = |x: &[f64]| x.iter().map(|v| v.abs()).sum::<f64>();
+    let norm = |x: &[f64]| x.iter().zip(scale).map(|(v, d)| (v * d).abs()).sum::<f64>();
     let mut y = solve(&vec![1.0 / n as f64; n])?;
     let mut estimate = norm(&y);
     let mut corner = None;
     for _ in 0..STEPS {
-        let signs: Vec<f64> = y.iter().map(|v| if *v < 0.0 { -1.0 } else { 1.0 }).collect();
-        let gradient = solve(&signs)?; // A is symmetric: A^-T = A^-1
+        let signs: Vec<f64> = y.iter().zip(scale).map(|(v, d)| if *v < 0.0 { -d } else { *d }).collect();
+        let gradient = solve(&signs)?; // A is symmetric: A^-T = A^-1, so (D A^-1)^T = A^-1 D
         let steepest =
             (0..n).fold(0, |best, i| if gradient[i].abs() > gradient[best].abs() { i } else { best });
         if corner == Some(steepest) {
@@ -65,6 +72,19 @@ mod tests {
     fn diagonal_matrix() {
         assert!((estimate(3, &[(0, 0, 4.0), (1, 1, 0.5), (2, 2, 1e-3)]) / 4e3 - 1.0).abs() < 1e-12);
         assert!((estimate(1, &[(0, 0, 7.0)]) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn bound_of_a_residual() {
+        // A^-1 = [2 1; 1 2] / 3: |A^-1| (6, 0) = (4, 2), |A^-1| (1, 9) = (11/3, 19/3).
+        let matrix =
+            SymmetricCsr::from_triplets(2, &[(0, 0, 2.0), (0, 1, -1.0), (1, 1, 2.0)]).expect("a triangle");
+        let system = System::new(matrix, None).unwrap();
+        let backend = (find("dense").unwrap().open)(&OpenOptions::default()).unwrap();
+        let mut factor = backend.prepare(&system, &PrepareOptions::columns(1), &mut |_| {}).unwrap();
+        for (residual, bound) in [([6.0, 0.0], 4.0), ([1.0, 9.0], 19.0 / 3.0)] {
+            assert!((forward_bound(&mut *factor, &residual).unwrap() - bound).abs() < 1e-12);
+        }
     }
 
     #[test]

@@ -73,7 +73,7 @@ fn on_mesh(
         Field::of(mesh, subject).check(subject, must_converge, findings);
     }
     motion::check(name, mesh, subjects, must_converge, findings);
-    skinning::check(name, mesh, subjects, must_converge, findings);
+    skinning::check(name, mesh, subjects, trusted, must_converge, findings);
     arap::check(name, mesh, subjects, must_converge, findings);
 }
 

@@ -13,11 +13,16 @@
 //! Skeleton -> bones -> SkinningProblem -> weights (a Backend) -> Skin -> pose, frame after frame
 //! ```
 //!
+//! # Sums
+//! The exact weights of a vertex sum to 1, because L 1 = 0 and the p_j sum to 1. Those of the system as stored do so only up
+//! to the rounding of its diagonal times its condition, which slivers and faint heat make large: constants are what an
+//! almost singular system amplifies. So [`weights_of`](SkinningProblem::weights_of) divides every row by its sum.
+//!
 //! # Default input of a mesh that comes alone
 //! [`default_bones`](defaults::default_bones): [`defaults::BONES`] segments between centres of regions of the mesh.
 //!
 //! # Right when
-//! the weights of every vertex sum to 1 to 1e-10; they lie in [0, 1] where no off-diagonal of L is positive; w_j -> p_j as
+//! the weights of every vertex sum to 1; they lie in [0, 1] where no off-diagonal of L is positive; w_j -> p_j as
 //! c grows where H_ii > 0; the rest pose is reproduced and equal motions of all bones move the surface rigidly.
 
 pub mod bone;
@@ -204,7 +209,8 @@ impl SkinningProblem {
         rhs
     }
 
-    /// The weights of all bones at all vertices, n x bones: one preparation and one solve of all columns.
+    /// The weights of all bones at all vertices, n x bones: one preparation, one solve of all columns, and
+    /// [`weights_of`](Self::weights_of).
     ///
     /// # Errors
     /// [`SkinningError::Prepare`] and [`SkinningError::Solve`] with what the backend says.
@@ -217,7 +223,20 @@ impl SkinningProblem {
             Columns::new(&rhs[..], rows, self.bones),
             Columns::new(&mut weights[..], rows, self.bones),
         )?;
-        Ok(self.system.scatter(Columns::new(&weights[..], rows, self.bones)))
+        Ok(self.weights_of(Columns::new(&weights[..], rows, self.bones)))
+    }
+
+    /// The weights at all vertices, n x bones, from a solution of the system: its rows divided by their sums, which are 1
+    /// but for rounding. Rows whose sum is not positive or not finite belong to no weights and stay as they are.
+    pub fn weights_of(&self, solution: Columns<&[f64]>) -> Vec<f64> {
+        let mut weights = self.system.scatter(solution);
+        for row in weights.chunks_exact_mut(self.bones) {
+            let sum: f64 = row.iter().sum();
+            if sum > 0.0 && sum.is_finite() {
+                row.iter_mut().for_each(|w| *w /= sum);
+            }
+        }
+        weights
     }
 }
 

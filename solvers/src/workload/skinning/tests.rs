@@ -60,6 +60,34 @@ fn weights_are_a_partition_of_one_and_pass_from_bone_to_bone() {
 }
 
 #[test]
+fn weights_sum_to_one_on_slivers() {
+    // One corner almost on its neighbour: the rounding of cotangents of 1e7 beside faint heat.
+    let (mut positions, triangles) = bar(10, 0.5, 0.0, 0);
+    let bent = |i: usize, p: Vector| std::array::from_fn(|c| p[c] + 0.03 * ((7 * i + c) as f64).sin());
+    positions = (0..).zip(positions).map(|(i, p)| bent(i, p)).collect();
+    positions[20] = [positions[16][0] + 1e-7, positions[16][1], positions[16][2]];
+    let mesh = TriangleMesh::new(positions, triangles).expect("valid");
+    let (_, bones) = elbow();
+    let problem = SkinningProblem::new(&mesh, &bones, 1e-6).expect("usable");
+    let rhs = problem.right_hand_side();
+    let (rows, mut raw) = (problem.system().vertices().len(), vec![0.0; rhs.len()]);
+    let mut factor = backend()
+        .prepare(problem.system().system(), &PrepareOptions::columns(2), &mut |_| {})
+        .expect("definite");
+    factor.solve(Columns::new(&rhs[..], rows, 2), Columns::new(&mut raw[..], rows, 2)).expect("solved");
+    let off = |w: &[f64]| w.chunks(2).map(|row| (row[0] + row[1] - 1.0).abs()).fold(0.0, f64::max);
+    assert!(off(&raw) > 1e-8, "no sliver: {:e}", off(&raw));
+    let weights = problem.weights(&*backend()).expect("definite");
+    assert!(off(&weights) < 1e-15, "{:e}", off(&weights));
+    // What makes no weights is not made to look like some.
+    for bad in [[0.0, 0.0], [1.0, -2.0], [f64::NAN, 1.0], [f64::INFINITY, 1.0]] {
+        raw[..2].copy_from_slice(&bad);
+        let kept = problem.weights_of(Columns::new(&raw[..], rows, 2));
+        assert_eq!(format!("{:?}", &kept[..2]), format!("{bad:?}"));
+    }
+}
+
+#[test]
 fn strong_heat_leaves_only_the_nearest_bone() {
     let (mesh, bones) = elbow();
     for (heat, limit) in [(1e4, 1e-3), (1e8, 1e-7)] {
