@@ -224,6 +224,11 @@ impl Dirichlet {
         rows
     }
 
+    /// L_FC by rows of F that touch a constraint: (free row, constraint row, stored entry of L), ascending.
+    pub fn coupling(&self) -> &[(u32, u32, u32)] {
+        &self.coupling.entries
+    }
+
     /// Copies the free rows of an n x k block into a |F| x k block.
     pub fn gather(&self, all: Columns<&[f64]>, mut free: Columns<&mut [f64]>) {
         for (row, &v) in self.free.iter().enumerate() {

@@ -1,22 +1,29 @@
 //! The tree of dense blocks in the order in which the device works on it: level by level.
 use crate::backends::framechol::symbolic::{Part, Symbolic};
-use crate::ordering::NONE;
+use crate::ordering::{NONE, inverse};
 
 /// Lanes of a tile: rows of a block that are worked on side by side.
 pub const LANES: usize = 8;
+
 /// Blocks, numbered as the supernodes they are, and where their rows lie in the device's vectors.
 ///
 /// A block has w *pivots* and r rows below. The device's vectors are
 /// - y, one element per pivot, level after level, block after block (a pivot's place here is its *slot*);
-/// - the fronts, w + r elements per block: X y of its pivots, then its updates -M y of the rows below.
+/// - the fronts, w + r elements per reached block: X y of its pivots, then its updates -M y of the rows below.
+///
+/// A block is *reached* where it or one below it in the tree has a row of the right-hand side that may not be zero; the
+/// forward sweep leaves out the others, whose y and updates are zero.
 pub struct Blocks {
-    /// Blocks of every level: `order[level_starts[l]..level_starts[l + 1]]`; leaves of the tree have level 0.
+    /// Blocks of every level: `order[level_starts[l]..level_starts[l + 1]]`, the reached ones first; leaves of the tree have
+    /// level 0.
     pub order: Vec<u32>,
     /// Start of every level in `order`.
     pub level_starts: Vec<u32>,
+    /// Whether the forward sweep reaches a block.
+    pub reached: Vec<bool>,
     /// First slot of every block.
     pub slot: Vec<u32>,
-    /// First element of every block in the fronts.
+    /// First element of every reached block in the fronts.
     pub front: Vec<u32>,
     /// Elements of all fronts.
     pub fronts: u32,
@@ -34,10 +41,15 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// Arranges the supernodes of an analysis for one thread.
-    pub fn new(symbolic: &Symbolic) -> Self {
+    /// Arranges the supernodes of an analysis for one thread. `active`: the only matrix rows where a right-hand side is not
+    /// zero; all of them where there is no such list.
+    pub fn new(symbolic: &Symbolic, active: Option<&[u32]>) -> Self {
         let part = &symbolic.parts[0];
-        let (order, level_starts) = levels(part);
+        let reached = active.map_or_else(|| vec![true; part.len()], |rows| reach(symbolic, rows));
+        let (mut order, level_starts) = levels(part);
+        for level in level_starts.windows(2) {
+            order[level[0] as usize..level[1] as usize].sort_by_key(|&s| !reached[s as usize]); // stable
+        }
         let (mut slot, mut front) = (vec![0; part.len()], vec![0; part.len()]);
         let (mut slots, mut fronts) = (0_u32, 0_u32);
         let mut rows = Vec::with_capacity(part.pivots());
@@ -46,13 +58,14 @@ impl Blocks {
             let shape = part.shape(s);
             (slot[s], front[s]) = (slots, fronts);
             slots += shape.width as u32;
-            fronts += (shape.width + shape.below) as u32;
+            fronts += if reached[s] { (shape.width + shape.below) as u32 } else { 0 };
             rows.extend_from_slice(&symbolic.order[part.starts[s] as usize..part.starts[s + 1] as usize]);
         }
         let below = part.rows.iter().map(|&position| symbolic.order[position as usize]).collect();
         let mut out = Self {
             order,
             level_starts,
+            reached,
             slot,
             front,
             fronts,
@@ -74,6 +87,12 @@ impl Blocks {
     /// Blocks of level `l`.
     pub fn level(&self, l: usize) -> &[u32] {
         &self.order[self.level_starts[l] as usize..self.level_starts[l + 1] as usize]
+    }
+
+    /// Blocks of level `l` that the forward sweep reaches.
+    pub fn reached(&self, l: usize) -> &[u32] {
+        let level = self.level(l);
+        &level[..level.partition_point(|&s| self.reached[s as usize])]
     }
 
     /// Number of slots.
@@ -98,9 +117,9 @@ impl Blocks {
         (self.sources, self.source_starts) = (sources, starts);
     }
 
-    /// Calls `link(target, source)` for every row of every block with a parent, children in ascending order.
+    /// Calls `link(target, source)` for every row of every reached block with a parent, children in ascending order.
     fn each_link(&self, part: &Part, mut link: impl FnMut(u32, u32)) {
-        for c in (0..part.len()).filter(|&c| part.parent[c] != NONE) {
+        for c in (0..part.len()).filter(|&c| part.parent[c] != NONE && self.reached[c]) {
             let p = part.parent[c] as usize;
             let (first, end, rows) = (part.starts[p], part.starts[p + 1], part.rows(p));
             let width = end - first;
@@ -119,6 +138,20 @@ impl Blocks {
             }
         }
     }
+}
+
+/// Whether each block holds one of the matrix rows `active`, or is above one that does.
+fn reach(symbolic: &Symbolic, active: &[u32]) -> Vec<bool> {
+    let part = &symbolic.parts[0];
+    let position = inverse(&symbolic.order);
+    let mut reached = vec![false; part.len()];
+    for &row in active {
+        let mut s = part.starts.partition_point(|&start| start <= position[row as usize]) as u32 - 1;
+        while s != NONE && !std::mem::replace(&mut reached[s as usize], true) {
+            s = part.parent[s as usize];
+        }
+    }
+    reached
 }
 
 /// Blocks by height above the leaves: all of a level's children lie below it.

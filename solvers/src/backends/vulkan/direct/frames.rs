@@ -1,8 +1,12 @@
 //! Frames of a direct solve: right-hand sides in, both sweeps in one submission, solutions out.
+use super::coupling::Coupling;
 use super::number::{GROUP, Number};
 use super::tables::{PLANE, Tables};
+use crate::backend::Footprint;
+use crate::backends::framechol::engine::power_of_two;
 use crate::backends::framechol::gather::Group;
 use crate::backends::vulkan::buffer::{Buffer, Place};
+use crate::backends::vulkan::device::Device;
 use crate::backends::vulkan::error::DeviceError;
 use crate::backends::vulkan::kernel::Kernel;
 use crate::backends::vulkan::plan::Plan;
@@ -21,7 +25,7 @@ pub struct Frames<T: Number> {
     pub tables: Tables<T>,
     /// Threads that copy on the host.
     pub team: Team,
-    vectors: Vectors,
+    vectors: Vectors<T>,
     /// By columns less one.
     plans: Vec<Recorded>,
     /// Dispatches of one submission.
@@ -29,20 +33,25 @@ pub struct Frames<T: Number> {
     clear: Recorded,
     /// Columns of the last frame.
     last: usize,
-    n: usize,
-    number: std::marker::PhantomData<T>,
 }
 
 /// Right-hand side and solution.
-struct Vectors {
+struct Vectors<T> {
+    /// Where the host's numbers arrive, and how many rows they have: the right-hand side, or values at constraints, from
+    /// which `coupling` makes it.
+    input: Arc<Buffer>,
+    inputs: usize,
+    coupling: Option<Coupling<T>>,
     rhs: Arc<Buffer>,
+    /// Rows of right-hand side and solution.
+    n: usize,
     x: Arc<Buffer>,
     packing: Option<Packing>,
 }
 
 /// The host's copies, packed.
 struct Packing {
-    rhs: Arc<Buffer>,
+    input: Arc<Buffer>,
     x: Arc<Buffer>,
     /// There and back.
     kernels: [Arc<Kernel>; 2],
@@ -53,23 +62,30 @@ pub fn planes(columns: usize) -> usize {
     if columns > PLANE { 2 } else { 1 }
 }
 
-impl Vectors {
-    fn new<T: Number>(tables: &Tables<T>, n: usize, columns: usize) -> Result<Self, DeviceError> {
-        let device = tables.device();
+impl<T: Number> Vectors<T> {
+    /// For solutions of `n` rows from as many, or from values at `constraints.1` constraints.
+    fn new(
+        device: &Arc<Device>,
+        n: usize,
+        columns: usize,
+        constraints: Option<(Coupling<T>, usize)>,
+    ) -> Result<Self, DeviceError> {
         let buffer = |place, numbers: usize| Buffer::new(device, place, (numbers * size_of::<T>()) as u64);
-        let whole = (n + 1) * PLANE * planes(columns);
-        let (rhs, x) = (buffer(Place::Device, whole)?, buffer(Place::Device, whole)?);
+        let wide = PLANE * planes(columns);
+        let (rhs, x) = (buffer(Place::Device, (n + 1) * wide)?, buffer(Place::Device, (n + 1) * wide)?);
+        let (coupling, inputs) = constraints.map_or((None, n), |(coupling, count)| (Some(coupling), count));
+        let input = if coupling.is_some() { buffer(Place::Device, inputs * wide)? } else { Arc::clone(&rhs) };
         let packing = if device.is_unified() {
             None
         } else {
             let kernel = |back| Kernel::new(device, &T::PACKING, &[GROUP, back]);
             Some(Packing {
-                rhs: buffer(Place::Upload, n * columns)?,
+                input: buffer(Place::Upload, inputs * columns)?,
                 x: buffer(Place::Readback, n * columns)?,
                 kernels: [kernel(0)?, kernel(1)?],
             })
         };
-        Ok(Self { rhs, x, packing })
+        Ok(Self { input, inputs, coupling, rhs, n, x, packing })
     }
 
     /// Numbers per row that the host has for `columns` columns.
@@ -78,18 +94,22 @@ impl Vectors {
     }
 
     /// Lists the steps of a frame.
-    fn list<T: Number>(&self, plan: &mut Plan, tables: &Tables<T>, n: usize, columns: usize) {
-        let count = n * columns;
-        let push = [count, columns, PLANE * planes(columns)].map(|word| word as u32);
-        let groups = (count as u32).div_ceil(GROUP);
-        if let Some(Packing { rhs, kernels, .. }) = &self.packing {
-            plan.dispatch(&kernels[0], &[rhs, &self.rhs].map(Buffer::all), &push, groups);
+    fn list(&self, plan: &mut Plan, tables: &Tables<T>, columns: usize) {
+        let pack = |plan: &mut Plan, kernel, from: &Arc<Buffer>, to: &Arc<Buffer>, rows: usize| {
+            let push = [rows * columns, columns, PLANE * planes(columns)].map(|word| word as u32);
+            plan.dispatch(kernel, &[from, to].map(Buffer::all), &push, push[0].div_ceil(GROUP));
+        };
+        if let Some(Packing { input, kernels, .. }) = &self.packing {
+            pack(plan, &kernels[0], input, &self.input, self.inputs);
             plan.barrier();
             plan.phase(|| "upload".into());
         }
+        if let Some(coupling) = &self.coupling {
+            coupling.list(plan, &self.input, &self.rhs, planes(columns));
+        }
         tables.sweep(plan, &self.rhs, &self.x, planes(columns));
         if let Some(Packing { x, kernels, .. }) = &self.packing {
-            plan.dispatch(&kernels[1], &[&self.x, x].map(Buffer::all), &push, groups);
+            pack(plan, &kernels[1], &self.x, x, self.n);
             plan.phase(|| "download".into());
         }
     }
@@ -97,25 +117,33 @@ impl Vectors {
 
 impl<T: Number> Frames<T> {
     /// Records the frames of a factor for up to `max_columns` columns at once (at most eight), and runs them once: drivers
-    /// compile kernels when they first run.
+    /// compile kernels when they first run. Right-hand sides come whole, or from `constraints`: a coupling and how many.
     ///
     /// # Errors
     /// Where memory does not suffice or the device fails.
-    pub fn new(tables: Tables<T>, team: Team, n: usize, max_columns: usize) -> Result<Self, DeviceError> {
+    pub fn new(
+        tables: Tables<T>,
+        team: Team,
+        constraints: Option<(Coupling<T>, usize)>,
+        max_columns: usize,
+    ) -> Result<Self, DeviceError> {
         let device = tables.device().clone();
         let most = max_columns.min(2 * PLANE);
-        let vectors = Vectors::new(&tables, n, most)?;
+        let vectors = Vectors::new(&device, tables.rows(), most, constraints)?;
         let mut plan = Plan::new(&device);
         tables.clear(&mut plan);
         plan.clear(&vectors.rhs);
         plan.clear(&vectors.x);
+        if vectors.coupling.is_some() {
+            plan.clear(&vectors.input);
+        }
         let mut clear = plan.record()?;
         clear.run()?;
         let (mut plans, mut dispatches) = (Vec::new(), 0);
         for columns in 1..=most {
             let mut plan = Plan::new(&device);
             plan.mark();
-            vectors.list(&mut plan, &tables, n, columns);
+            vectors.list(&mut plan, &tables, columns);
             plan.mark();
             dispatches = plan.dispatches();
             plans.push(plan.record()?);
@@ -123,8 +151,7 @@ impl<T: Number> Frames<T> {
         for columns in [PLANE.min(most), most] {
             plans[columns - 1].run()?;
         }
-        let number = std::marker::PhantomData;
-        Ok(Self { tables, team, vectors, plans, dispatches, clear, last: most, n, number })
+        Ok(Self { tables, team, vectors, plans, dispatches, clear, last: most })
     }
 
     /// The last frame once more, phase by phase.
@@ -133,7 +160,7 @@ impl<T: Number> Frames<T> {
     /// Where memory does not suffice or the device fails.
     pub fn device_phases(&self) -> Result<Vec<(String, u64)>, DeviceError> {
         let mut plan = Plan::timed(self.tables.device());
-        self.vectors.list(&mut plan, &self.tables, self.n, self.last);
+        self.vectors.list(&mut plan, &self.tables, self.last);
         let mut recorded = plan.record()?;
         recorded.run()?;
         Ok(recorded.phases())
@@ -149,11 +176,45 @@ impl<T: Number> Frames<T> {
         self.plans.len()
     }
 
+    /// Where right-hand sides come from constraints: takes their weights from the stored values of L, for the factor at hand.
+    ///
+    /// # Errors
+    /// Where memory does not suffice or the device fails.
+    pub fn couple(&mut self, values: &[f64]) -> Result<(), DeviceError> {
+        let scale = self.tables.scale;
+        self.vectors.coupling.as_mut().map_or(Ok(()), |coupling| coupling.update(values, scale))
+    }
+
+    /// One sweep pair for a group of columns of `b`, in the factor's own numbers; returns whether the solution is finite, and
+    /// the time on the device.
+    ///
+    /// # Errors
+    /// Where the device fails.
+    pub fn solve(
+        &mut self,
+        b: Columns<&[f64]>,
+        x: &mut Columns<&mut [f64]>,
+        group: Group,
+    ) -> Result<(bool, Option<u64>), DeviceError> {
+        if self.vectors.coupling.is_some() && planes(self.last) != planes(group.count) {
+            self.clear.run()?; // rows that no frame writes lie elsewhere in two planes than in one
+        }
+        let largest = self.load(b, group, 1.0);
+        // Only a right-hand side far from 1 is scaled: the same bits come out either way, but not the same speed.
+        let scale = if T::COMFORTABLE.contains(&largest) { 1.0 } else { 1.0 / power_of_two(largest) };
+        if scale != 1.0 {
+            self.load(b, group, scale);
+        }
+        let device_ns = self.run(group)?;
+        let of_factor = if self.vectors.coupling.is_some() { 1.0 } else { self.tables.scale };
+        Ok((self.store(x, group, of_factor / scale)?, device_ns))
+    }
+
     /// A group of columns of `b`, times `scale`, becomes the right-hand side. Returns the largest absolute value of the group
     /// before that; NaN where there is one.
     pub fn load(&mut self, b: Columns<&[f64]>, group: Group, scale: f64) -> f64 {
-        let (n, width) = (self.n, self.vectors.width(group.count));
-        let seen = self.vectors.packing.as_ref().map_or(&self.vectors.rhs, |packing| &packing.rhs);
+        let (n, width) = (self.vectors.inputs, self.vectors.width(group.count));
+        let seen = self.vectors.packing.as_ref().map_or(&self.vectors.input, |packing| &packing.input);
         // SAFETY: frames are waited for, self is borrowed exclusively, and nobody else knows the buffer.
         let host: &mut [T] = unsafe { seen.host() }.expect("the host sees it");
         // The bits of numbers that are not negative are ordered as they are; NaN comes last.
@@ -207,8 +268,25 @@ impl<T: Number> Frames<T> {
     /// Bytes on the device: all that this handle allocated there.
     pub fn device_bytes(&self) -> u64 {
         let (numbers, indices) = self.tables.factor_bytes();
-        let Vectors { rhs, x, .. } = &self.vectors;
-        numbers + indices + self.tables.vector_bytes() + rhs.bytes() + x.bytes()
+        let Vectors { input, coupling, rhs, x, .. } = &self.vectors;
+        let own = coupling.as_ref().map_or(0, |coupling| input.bytes() + coupling.device_bytes());
+        numbers + indices + self.tables.vector_bytes() + rhs.bytes() + x.bytes() + own
+    }
+
+    /// What a handle with one sweep pair per solve holds and moves.
+    pub fn footprint(&self, ordering: &'static str) -> Footprint {
+        let (numbers, indices) = self.tables.factor_bytes();
+        let symbolic = self.tables.symbolic();
+        Footprint {
+            host_bytes: Some(self.tables.host_bytes()),
+            device_bytes: Some(self.device_bytes()),
+            factor_nonzeros: Some(symbolic.nonzeros),
+            factor_bytes: Some(numbers + indices),
+            bytes_per_solve: Some(numbers + indices),
+            factor_flops: Some(symbolic.flops),
+            dispatches: Some(self.dispatches()),
+            ordering: Some(ordering),
+        }
     }
 }
 

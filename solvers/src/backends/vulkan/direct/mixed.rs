@@ -91,6 +91,7 @@ impl Largest {
 }
 
 impl Method<f32> for Mixed {
+    const PLAIN: bool = false;
     const PAIRS: u64 = 2;
 
     fn new(frames: Frames<f32>, matrix: &SymmetricCsr, values: &[f64], _: usize) -> Self {

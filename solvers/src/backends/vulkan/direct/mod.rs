@@ -2,12 +2,14 @@
 //!
 //! ```text
 //! order -> supernodes (wide ones: a device wants few levels) -> blocks, tiles -> numeric (CPU, f64) -> tiles in T
-//! frame: b -> [assemble, forward tiles] per level -> [backward tiles] per level -> x, one submission
+//! frame: (g -> couple ->) b -> [assemble, forward tiles] per level -> [backward tiles] per level -> x, one submission
 //! ```
 //! Ordering, analysis and numeric factorisation are `framechol`'s; layout and sweeps are described in `tiles` and
 //! `blocks`, figures in the README of this folder.
 mod blocks;
+mod coupling;
 mod frames;
+mod harmonic;
 mod mixed;
 mod number;
 mod tables;
@@ -15,26 +17,29 @@ mod tables;
 mod tests;
 mod tiles;
 
-use crate::backend::{Backend, Description, Factor, Footprint, Phase, PrepareOptions, Solved};
-use crate::backends::framechol::engine::{groups, power_of_two};
+use crate::backend::{Backend, Description, Factor, Footprint, Harmonic, Phase, PrepareOptions, Solved};
+use crate::backends::framechol::engine::groups;
 use crate::backends::framechol::gather::Group;
 use crate::backends::framechol::supernodes::Supernodes;
 use crate::backends::framechol::symbolic::Symbolic;
 use crate::backends::framechol::{first_bad_row, thread_pool};
 use crate::backends::vulkan::device::{Device, Settings};
 use crate::columns::Columns;
+use crate::dirichlet::{Dirichlet, ReducedHarmonic};
 use crate::error::{PrepareError, SolveError, Unavailable};
 use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
 use crate::sparse::{SymmetricCsr, inverse_permutation};
 use crate::system::System;
 use crate::team::Team;
+use coupling::Coupling;
 use frames::Frames;
+use harmonic::Field;
 use mixed::Mixed;
 use number::{Kernels, Number};
 use std::marker::PhantomData;
 use std::sync::{Arc, Mutex};
-use tables::Tables;
+use tables::{Places, Tables};
 
 /// Opens `vulkan-direct-f64`: stored and swept in f64.
 pub fn open_f64(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
@@ -76,6 +81,8 @@ trait Method<T: Number>: Send + Sized + 'static {
     /// Bytes that this holds on the host beside the frames, and bytes of matrix read per solve.
     fn extra_bytes(&self) -> (u64, u64);
 
+    /// Whether one sweep pair in the factor's own numbers is all of a solve, so that more than it can be put on the device.
+    const PLAIN: bool;
     /// Sweep pairs that a usual solve takes.
     const PAIRS: u64;
 }
@@ -139,6 +146,22 @@ impl<T: Number, M: Method<T>> Direct<T, M> {
         let groups = pool.install(|| Supernodes::with_cost(&graph, &order, blocks::sweep_cost));
         Ok((Symbolic::new(matrix, &graph, &groups, &order, 1), name))
     }
+
+    /// The factor of a matrix on the device, and the name of the ordering.
+    fn factorise(
+        &self,
+        matrix: &SymmetricCsr,
+        options: &PrepareOptions<'_>,
+        places: &Places<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<(Tables<T>, &'static str), PrepareError> {
+        let (symbolic, ordering) = self.analyse(matrix, options, on)?;
+        let planes = frames::planes(options.max_columns);
+        let mut tables = Tables::new(&self.device, self.kernels()?, symbolic, planes, places)?;
+        on(Phase::Numeric);
+        tables.factorise(matrix.values())?;
+        Ok((tables, ordering))
+    }
 }
 
 impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
@@ -153,15 +176,36 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Factor>, PrepareError> {
         let matrix = system.matrix();
-        let (symbolic, ordering) = self.analyse(matrix, options, on)?;
-        let (planes, n) = (frames::planes(options.max_columns), matrix.n());
-        let mut tables = Tables::new(&self.device, self.kernels()?, symbolic, planes, n, &|row| row)?;
-        on(Phase::Numeric);
-        tables.factorise(matrix.values())?;
+        let (tables, ordering) = self.factorise(matrix, options, &Places::all(matrix.n()), on)?;
         on(Phase::Upload);
-        let frames = Frames::new(tables, self.team()?, n, options.max_columns)?;
+        let frames = Frames::new(tables, self.team()?, None, options.max_columns)?;
         let method = M::new(frames, matrix, matrix.values(), options.max_columns);
         Ok(Box::new(Handle { method, ordering, number: PhantomData::<fn() -> T> }))
+    }
+
+    fn prepare_harmonic(
+        &self,
+        problem: &Dirichlet,
+        options: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Box<dyn Harmonic>, PrepareError> {
+        match problem.system() {
+            Some(system) if M::PLAIN => {
+                let (free, active) = (problem.free(), problem.active_rows());
+                let of = |row: u32| free[row as usize];
+                let places = Places { n: problem.laplacian().n(), of: &of, active: Some(&active) };
+                let (tables, ordering) = self.factorise(system.matrix(), options, &places, on)?;
+                on(Phase::Upload);
+                let constraints = (Coupling::new(&self.device, problem)?, problem.fixed().len());
+                let mut frames = Frames::new(tables, self.team()?, Some(constraints), options.max_columns)?;
+                frames.couple(problem.laplacian().values())?;
+                Ok(Box::new(Field::new(problem, frames, ordering)))
+            }
+            system => {
+                let factor = system.map(|system| self.prepare(system, options, on)).transpose()?;
+                Ok(Box::new(ReducedHarmonic::new(problem.clone(), factor, options.max_columns)))
+            }
+        }
     }
 }
 
@@ -205,18 +249,13 @@ impl<T: Number, M: Method<T>> Factor for Handle<T, M> {
     }
 
     fn footprint(&self) -> Footprint {
-        let frames = self.method.frames_ref();
-        let tables = &frames.tables;
-        let ((numbers, indices), (host, matrix)) = (tables.factor_bytes(), self.method.extra_bytes());
+        let of_one = self.method.frames_ref().footprint(self.ordering);
+        let (host, matrix) = self.method.extra_bytes();
         Footprint {
-            host_bytes: Some(tables.host_bytes() + host),
-            device_bytes: Some(frames.device_bytes()),
-            factor_nonzeros: Some(tables.symbolic().nonzeros),
-            factor_bytes: Some(numbers + indices),
-            bytes_per_solve: Some(M::PAIRS * (numbers + indices + matrix)),
-            factor_flops: Some(tables.symbolic().flops),
-            dispatches: Some(M::PAIRS * frames.dispatches()),
-            ordering: Some(self.ordering),
+            host_bytes: of_one.host_bytes.map(|bytes| bytes + host),
+            bytes_per_solve: of_one.bytes_per_solve.map(|bytes| M::PAIRS * (bytes + matrix)),
+            dispatches: of_one.dispatches.map(|count| M::PAIRS * count),
+            ..of_one
         }
     }
 }
@@ -227,6 +266,7 @@ struct Single<T: Number> {
 }
 
 impl<T: Number> Method<T> for Single<T> {
+    const PLAIN: bool = true;
     const PAIRS: u64 = 1;
 
     fn new(frames: Frames<T>, _: &SymmetricCsr, _: &[f64], _: usize) -> Self {
@@ -249,14 +289,7 @@ impl<T: Number> Method<T> for Single<T> {
         x: &mut Columns<&mut [f64]>,
         group: Group,
     ) -> Result<(bool, Solved), SolveError> {
-        let largest = self.frames.load(rhs, group, 1.0);
-        // Only a right-hand side far from 1 is scaled: the same bits come out either way, but not the same speed.
-        let scale = if T::COMFORTABLE.contains(&largest) { 1.0 } else { 1.0 / power_of_two(largest) };
-        if scale != 1.0 {
-            self.frames.load(rhs, group, scale);
-        }
-        let device_ns = self.frames.run(group)?;
-        let finite = self.frames.store(x, group, self.frames.tables.scale / scale)?;
+        let (finite, device_ns) = self.frames.solve(rhs, x, group)?;
         Ok((finite, Solved { device_ns, ..Solved::default() }))
     }
 

@@ -43,6 +43,8 @@ pub trait Number: Lanes + Plain {
     const PACK: usize;
     /// Vectors between host and device.
     const PACKING: Shader;
+    /// A right-hand side from values at constraints.
+    const COUPLE: Shader;
     /// y of a level's pivots.
     const ASSEMBLE: Shader;
     /// Tiles of the forward sweep; storage buffers with vectors read by every lane, or handed round.
@@ -56,6 +58,8 @@ macro_rules! number {
         impl Number for $t {
             const PACK: usize = $pack;
             const PACKING: Shader = storage_shader!("pack", $name, &[Storage, Storage], 3);
+            const COUPLE: Shader =
+                shader!("couple", $name, &[Indices, Indices, Indices, $values, $values, Storage], 1);
             const ASSEMBLE: Shader =
                 shader!("assemble", $name, &[Indices, $values, Indices, Indices, $values, Storage], 3);
             const FORWARD: [Shader; 2] = shader_pair!(

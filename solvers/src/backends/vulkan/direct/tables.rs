@@ -43,12 +43,28 @@ pub struct Tables<T> {
     number: PhantomData<fn() -> T>,
 }
 
+/// Where matrix rows lie in right-hand sides and solutions.
+pub struct Places<'a> {
+    /// Rows of those vectors.
+    pub n: usize,
+    /// The place of a matrix row.
+    pub of: &'a dyn Fn(u32) -> u32,
+    /// The only matrix rows where a right-hand side is not zero, if not all.
+    pub active: Option<&'a [u32]>,
+}
+
+impl Places<'static> {
+    /// `n` rows where they are.
+    pub fn all(n: usize) -> Self {
+        Self { n, of: &|row| row, active: None }
+    }
+}
+
 /// Elements that a tile may read past the end of a vector: their factors are zero.
 const OVERREAD: usize = LANES;
 
 impl<T: Number> Tables<T> {
-    /// Room for the factor on the device, for vectors of `planes` planes and right-hand sides of `n` rows; `row` says where
-    /// matrix row i lies there.
+    /// Room for the factor on the device, for vectors of `planes` planes.
     ///
     /// # Errors
     /// Where device or host memory does not suffice.
@@ -57,8 +73,7 @@ impl<T: Number> Tables<T> {
         kernels: Arc<Kernels>,
         symbolic: Symbolic,
         planes: usize,
-        n: usize,
-        row: &dyn Fn(u32) -> u32,
+        places: &Places<'_>,
     ) -> Result<Self, PrepareError> {
         let part = &symbolic.parts[0];
         let bytes = Workspace::bytes_for(part);
@@ -66,13 +81,13 @@ impl<T: Number> Tables<T> {
             .try_reserve_exact(usize::try_from(bytes).unwrap_or(usize::MAX))
             .map_err(|_| PrepareError::OutOfMemory { bytes })?;
         let work = Workspace::new(part);
-        let mut blocks = Blocks::new(&symbolic);
+        let mut blocks = Blocks::new(&symbolic, places.active);
         let tiles = Tiles::new(part, &blocks, T::PACK, device.access());
-        blocks.rows.iter_mut().chain(&mut blocks.below).for_each(|at| *at = row(*at));
+        blocks.rows.iter_mut().chain(&mut blocks.below).for_each(|at| *at = (places.of)(*at));
         let slots = blocks.slots();
         let table = |numbers: usize| Buffer::new(device, Place::Device, (numbers * size_of::<T>()) as u64);
         let vectors = |elements: usize| table((elements + OVERREAD) * planes * PLANE);
-        let padded_rows: Vec<u32> = blocks.rows.iter().copied().chain([n as u32; OVERREAD]).collect();
+        let padded_rows: Vec<u32> = blocks.rows.iter().copied().chain([places.n as u32; OVERREAD]).collect();
         Ok(Self {
             forward: table(tiles.forward_len)?,
             backward: table(tiles.backward_len)?,
@@ -92,7 +107,7 @@ impl<T: Number> Tables<T> {
             blocks,
             tiles,
             scale: 1.0,
-            n,
+            n: places.n,
             number: PhantomData,
         })
     }
@@ -100,6 +115,11 @@ impl<T: Number> Tables<T> {
     /// The device.
     pub fn device(&self) -> &Arc<Device> {
         &self.device
+    }
+
+    /// Rows of right-hand side and solution.
+    pub fn rows(&self) -> usize {
+        self.n
     }
 
     /// Structure of the factor.
@@ -165,9 +185,13 @@ impl<T: Number> Tables<T> {
         let fronts = self.blocks.fronts;
         let mut slot = 0;
         for l in 0..self.blocks.levels() {
-            let blocks = self.blocks.level(l);
-            let pivots: u32 =
-                blocks.iter().map(|&s| self.symbolic.parts[0].shape(s as usize).width as u32).sum();
+            let width = |&s: &u32| self.symbolic.parts[0].shape(s as usize).width as u32;
+            let pivots: u32 = self.blocks.reached(l).iter().map(width).sum();
+            let first = slot;
+            slot += self.blocks.level(l).iter().map(width).sum::<u32>();
+            if pivots == 0 {
+                continue;
+            }
             let y = if l == 0 || self.kernels.above_leaves() == Source::Gathered {
                 rhs
             } else {
@@ -176,14 +200,13 @@ impl<T: Number> Tables<T> {
                 plan.dispatch(
                     kernel,
                     &slots.map(Buffer::all),
-                    &[slot, pivots, fronts],
+                    &[first, pivots, fronts],
                     pivots.div_ceil(GROUP),
                 );
                 plan.barrier();
                 plan.phase(|| format!("assemble {l:02}"));
                 &self.y
             };
-            slot += pivots;
             let shape = self.tiles.shapes[l];
             let kernel = self.kernels.forward(planes, l == 0, shape);
             let tiles = self.tiles.forward_levels[l]..self.tiles.forward_levels[l + 1];

@@ -1,4 +1,6 @@
 //! Solves on the device against the matrix itself, with every way of reading, staged and not, cut and whole.
+mod harmonic;
+
 use super::*;
 use crate::backends::vulkan::device::Access;
 use crate::backends::vulkan::tests::{again, skip};

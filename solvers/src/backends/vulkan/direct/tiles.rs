@@ -74,12 +74,14 @@ struct Cut {
     height: usize,
     /// Numbers in 16 bytes.
     pack: usize,
+    /// Whether the forward sweep reaches the block; otherwise X y is zero and only M^T is stored.
+    reached: bool,
 }
 
 impl Cut {
     /// Tiles of the forward sweep.
     fn forward(self) -> usize {
-        (self.width + self.below).div_ceil(self.height)
+        if self.reached { (self.width + self.below).div_ceil(self.height) } else { 0 }
     }
 
     /// Tiles of the backward sweep.
@@ -94,7 +96,7 @@ impl Cut {
 
     /// Columns of backward tile `b`: those of X^T from the diagonal on, and those of M^T.
     fn backward_columns(self, b: usize) -> (usize, usize) {
-        (self.width - b * self.height, self.below)
+        (if self.reached { self.width - b * self.height } else { 0 }, self.below)
     }
 
     /// As many columns as are stored for `columns`.
@@ -131,13 +133,16 @@ impl Tiles {
             backward_len: 0,
             shapes: Vec::new(),
             place: vec![(0, 0); part.len()],
-            cut: vec![Cut { width: 0, below: 0, height: LANES, pack }; part.len()],
+            cut: vec![Cut { width: 0, below: 0, height: LANES, pack, reached: true }; part.len()],
         };
         for l in 0..blocks.levels() {
-            let shape = best_shape(part, blocks.level(l), pack, access);
+            let cuts = |shape: Shape| {
+                blocks.level(l).iter().map(move |&s| cut(part, blocks, s as usize, shape, pack))
+            };
+            let shape = best_shape(cuts, access);
             out.shapes.push(shape);
-            for &s in blocks.level(l) {
-                out.add(s as usize, cut(part.shape(s as usize), shape.rows, pack), blocks);
+            for (&s, cut) in blocks.level(l).iter().zip(cuts(shape)) {
+                out.add(s as usize, cut, blocks);
             }
             out.forward_levels.push(out.forward.len() as u32);
             out.backward_levels.push(out.backward.len() as u32);
@@ -219,7 +224,7 @@ impl<T: Real> Store for TileStore<'_, T> {
             to.fill(T::default());
             for row in 0..cut.rows(w, b) {
                 let column = |rows: std::ops::Range<usize>| rows.map(|k| self.dense[k * w + first + row]);
-                put(to, cut, row, 0, column(first..w));
+                put(to, cut, row, 0, column(if own > 0 { first..w } else { w..w }));
                 put(to, cut, row, own, column(w..w + r));
             }
             backward += to.len();
@@ -235,20 +240,21 @@ fn put<T: Real>(tile: &mut [T], cut: Cut, row: usize, from: usize, values: impl 
     }
 }
 
-/// The tiles of a block.
-fn cut(shape: FrontShape, rows_per_lane: usize, pack: usize) -> Cut {
-    Cut { width: shape.width, below: shape.below, height: LANES * rows_per_lane, pack }
+/// The tiles of block `s`.
+fn cut(part: &Part, blocks: &Blocks, s: usize, shape: Shape, pack: usize) -> Cut {
+    let FrontShape { width, below, .. } = part.shape(s);
+    Cut { width, below, height: LANES * shape.rows, pack, reached: blocks.reached[s] }
 }
 
-/// The best shape for a level.
-fn best_shape(part: &Part, level: &[u32], pack: usize, access: Access) -> Shape {
+/// The best shape for a level whose blocks are cut by `cuts`.
+fn best_shape<C: Iterator<Item = Cut>>(cuts: impl Fn(Shape) -> C, access: Access) -> Shape {
     let shapes = shapes(access);
-    let blocks = || level.iter().map(|&s| part.shape(s as usize));
     match access {
-        Access::Texel => shapes.into_iter().min_by_key(|shape| software_time(blocks(), shape.rows, pack)),
+        Access::Texel => shapes.into_iter().min_by_key(|&shape| software_time(cuts(shape), shape.rows)),
         Access::Storage => {
             // A few steps per lane; the widest block decides when the level ends.
-            let steps = blocks().map(|f| f.width.div_ceil(STEP) + f.below.div_ceil(STEP)).max().unwrap_or(1);
+            let steps = |cut: Cut| cut.width.div_ceil(STEP) + cut.below.div_ceil(STEP);
+            let steps = cuts(shapes[0]).map(steps).max().unwrap_or(1);
             shapes.into_iter().find(|shape| steps <= STEPS_PER_LANE * shape.ways).or(shapes.last().copied())
         }
     }
@@ -261,15 +267,15 @@ const STEPS_PER_LANE: usize = 3;
 
 /// Nanoseconds that a level's tiles take on lavapipe: per column the reading of the vectors and as many products as rows; per
 /// tile its start.
-fn software_time(blocks: impl Iterator<Item = FrontShape>, rows: usize, pack: usize) -> usize {
+fn software_time(cuts: impl Iterator<Item = Cut>, rows: usize) -> usize {
     const READ: usize = 5;
     const ROW: usize = 8;
     const TILE: usize = 100;
-    let of = |shape: FrontShape| {
-        let (columns, tiles) = cut(shape, rows, pack).work();
+    let of = |cut: Cut| {
+        let (columns, tiles) = cut.work();
         columns * (READ + ROW * rows) + tiles * TILE
     };
-    blocks.map(of).sum()
+    cuts.map(of).sum()
 }
 
 impl<T: Real> TileStore<'_, T> {
