@@ -4,9 +4,12 @@ use lapbench::engine::allocation::{CountingAllocator, count, is_counting};
 use lapsolve::backend::PrepareOptions;
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
+use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{BACKENDS, OpenOptions};
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
+use lapsolve::workload::transfer;
+use lapsolve::workload::transfer::defaults::default_problem;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -29,6 +32,16 @@ fn grid(shift: f64) -> SymmetricCsr {
     SymmetricCsr::from_triplets((SIDE * SIDE) as usize, &triplets).expect("an upper triangle")
 }
 
+/// A bumpy sheet of SIDE x SIDE vertices.
+fn sheet() -> TriangleMesh {
+    let place = |i: u32| (f64::from(i % SIDE), f64::from(i / SIDE));
+    let positions = (0..SIDE * SIDE).map(place).map(|(x, y)| [x, y, (0.3 * x * y).sin()]).collect();
+    let corner = |i: u32| i % (SIDE - 1) + i / (SIDE - 1) * SIDE;
+    let squares = (0..(SIDE - 1) * (SIDE - 1)).map(corner);
+    let triangles = squares.flat_map(|i| [[i, i + 1, i + SIDE], [i + 1, i + SIDE + 1, i + SIDE]]).collect();
+    TriangleMesh::new(positions, triangles).expect("valid")
+}
+
 fn wave(length: usize) -> Vec<f64> {
     (0..length).map(|i| (i as f64).sin()).collect()
 }
@@ -47,6 +60,8 @@ fn warm_solves_allocate_nothing() {
     assert!(is_counting(), "this test needs the counting allocator");
     let system = System::new(grid(0.1), None).expect("finite, positive diagonal");
     let problem = Dirichlet::new(grid(0.1), None, &[0, 77, 600]).expect("valid constraints");
+    let sheet = sheet();
+    let motion = default_problem(&sheet).expect("marks everywhere");
     let n = system.n();
     let (rhs, mut x) = (wave(n * MAX_COLUMNS), vec![0.0; n * MAX_COLUMNS]);
     for entry in BACKENDS {
@@ -77,6 +92,12 @@ fn warm_solves_allocate_nothing() {
                 });
                 assert_eq!(field, 0, "{}: harmonic of {k} columns, {threads} thread(s)", entry.id);
             }
+            let mut frames = transfer::prepare(&*backend, &motion, &options, &mut |_| {}).expect(entry.id);
+            let mut target = vec![[0.0; 3]; sheet.positions().len()];
+            let frame = allocations_of(|| {
+                frames.frame(sheet.positions(), &mut target).expect(entry.id);
+            });
+            assert_eq!(frame, 0, "{}: transfer, {threads} thread(s)", entry.id);
         }
     }
 }

@@ -199,9 +199,18 @@ pub trait TransferFrame: Send {
         self.frame(template, target)
     }
 
-    /// Inner results of the last frame, where the handle keeps them: what the checks need to judge both solves.
-    fn trace(&self) -> Option<FrameTrace<'_>> {
+    /// Inner results of the last frame, where the handle keeps them: what the checks need to judge both solves. Not for
+    /// frames: those of a device are read back only here.
+    fn trace(&mut self) -> Option<FrameTrace<'_>> {
         None
+    }
+
+    /// As [`Factor::device_phases`].
+    ///
+    /// # Errors
+    /// As [`frame`](Self::frame).
+    fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
+        Ok(Vec::new())
     }
 
     /// What the handle holds and moves.

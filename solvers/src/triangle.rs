@@ -16,7 +16,7 @@ pub struct Shape {
     pub double_area: f64,
 }
 
-/// Shape of the triangle with these corners; `None` where it has zero area ([`ZERO_AREA`]). Any finite coordinates.
+/// Shape of the triangle with these corners; `None` where it has zero area ([`ZERO_AREA`]) or a coordinate is not finite.
 ///
 /// cot a_c = (u . v) / |u x v| with u, v the edges leaving corner c. The denominator is the same for all corners; it is
 /// taken from the two shorter edges, which loses the fewest digits in a needle.
@@ -37,8 +37,8 @@ pub fn shape(p: [Vector; 3]) -> Option<Shape> {
         return shape_out_of_range(p); // its square is not safely a number
     }
     let double_area = norm(cross(u, v));
-    if double_area <= ZERO_AREA * longest {
-        return None;
+    if !(double_area > ZERO_AREA * longest) {
+        return None; // or it is NaN
     }
     let factor = -0.5 / double_area; // minus: the edges run round, u . v needs them both leaving the corner
     let half_cotangents = [
@@ -56,8 +56,8 @@ fn shape_out_of_range(p: [Vector; 3]) -> Option<Shape> {
     let half = p.map(|q| q.map(|x| 0.5 * x));
     let edges = [sub(half[2], half[1]), sub(half[0], half[2])];
     let largest = edges.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
-    if largest == 0.0 {
-        return None;
+    if largest == 0.0 || !p.as_flattened().iter().all(|x| x.is_finite()) {
+        return None; // scaling helps neither
     }
     let exponent = -(largest.log2().floor() as i32) - 1;
     let scaled = shape(p.map(|q| q.map(|x| times_power_of_two(x, exponent))))?;
@@ -97,6 +97,17 @@ mod tests {
             assert_eq!(with_height(0.99e-8), None);
             assert!(with_height(1.01e-8).is_some());
             assert_eq!(shape([[size; 3]; 3]), None);
+        }
+    }
+
+    #[test]
+    fn a_triangle_at_no_finite_place_has_no_shape() {
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for at in 0..9 {
+                let mut corners = [[0.1, 0.2, 0.3], [1.4, -0.2, 0.5], [0.6, 1.1, -0.4]];
+                corners.as_flattened_mut()[at] = bad;
+                assert_eq!(shape(corners), None, "{corners:?}");
+            }
         }
     }
 

@@ -293,7 +293,7 @@ impl TransferFrame for Untranslated {
         Ok(solved)
     }
 
-    fn trace(&self) -> Option<FrameTrace<'_>> {
+    fn trace(&mut self) -> Option<FrameTrace<'_>> {
         self.inner.trace()
     }
 

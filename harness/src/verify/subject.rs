@@ -57,6 +57,8 @@ pub struct Subject {
     pub limits: Limits,
     /// Whether exact answers are held to the stricter limits of direct f64 solvers.
     pub exact: bool,
+    /// What it computes in.
+    pub precision: Precision,
     /// The largest system it takes.
     pub max_unknowns: Option<usize>,
     /// The backend itself.
@@ -131,6 +133,7 @@ impl Subject {
             id: entry.id.to_owned(),
             limits: Limits::of(entry.precision, entry.accuracy, options.tolerance),
             exact: entry.precision == Precision::F64 && entry.accuracy == Accuracy::Direct,
+            precision: entry.precision,
             max_unknowns: entry.max_unknowns,
             backend: (entry.open)(options)?,
             discretisation: Discretisation::TRUE,

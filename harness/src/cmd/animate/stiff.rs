@@ -53,7 +53,7 @@ impl Frames {
     }
 
     /// Rotations that were replaced in the last frame.
-    pub fn replaced(&self) -> usize {
+    pub fn replaced(&mut self) -> usize {
         self.transfer.trace().map_or(0, |trace| trace.replaced)
     }
 }

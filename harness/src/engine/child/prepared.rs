@@ -197,7 +197,8 @@ impl Prepared {
         let phases = match &mut self.handle {
             Handle::System(factor) => factor.device_phases()?,
             Handle::Harmonic(harmonic) => harmonic.device_phases()?,
-            Handle::Transfer(_) | Handle::Arap(..) | Handle::Geodesic(_) => Vec::new(),
+            Handle::Transfer(frames) => frames.device_phases()?,
+            Handle::Arap(..) | Handle::Geodesic(_) => Vec::new(),
         };
         let host =
             timed.samples_ns.iter().zip(&timed.device_ns).map(|(all, device)| all.saturating_sub(*device));
@@ -276,6 +277,7 @@ impl Prepared {
             ArrayFile::write(&files.field, inner.field, 4)?;
             ArrayFile::write(&files.rhs, inner.rhs, 3)?;
         }
+        timed.steps_ns.extend(self.device_steps(&timed)?);
         Ok(timed)
     }
 

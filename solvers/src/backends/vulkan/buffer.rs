@@ -302,3 +302,22 @@ pub fn constant<T: Plain>(device: &Arc<Device>, content: &[T]) -> Result<Arc<Buf
     upload.finish()?;
     Ok(buffer)
 }
+
+/// The first `len` numbers of a buffer on the device. Not for frames: it allocates.
+///
+/// # Errors
+/// As [`Buffer::new`], or where the copy fails.
+pub fn read<T: Plain>(device: &Arc<Device>, buffer: &Arc<Buffer>, len: usize) -> Result<Vec<T>, DeviceError> {
+    let staging = if device.is_unified() {
+        Arc::clone(buffer)
+    } else {
+        let staging = Buffer::new(device, Place::Readback, buffer.bytes())?;
+        let mut plan = Plan::new(device);
+        plan.copy(buffer, &staging);
+        plan.record()?.run()?;
+        staging
+    };
+    // SAFETY: frames are waited for, and the slice is gone when this returns.
+    let host = unsafe { staging.host::<T>() }.expect("readback buffers are mapped, and unified memory is");
+    Ok(host[..len].to_vec())
+}

@@ -31,7 +31,7 @@ mod recorded;
 #[cfg(test)]
 mod tests;
 
-pub use buffer::{Buffer, Input, Output, Place, Plain, Slot, Upload, constant};
+pub use buffer::{Buffer, Input, Output, Place, Plain, Slot, Upload, constant, read};
 pub use device::{ALIGNMENT, Access, Device, Settings, Traits};
 pub use error::DeviceError;
 pub use instance::{Candidate, Instance};

@@ -2,6 +2,7 @@
 
 use super::fragments::{Fragments, Turn};
 use super::marks::MarkPose;
+use super::posing::Posing;
 use super::prediction::Prediction;
 use super::{TransferError, TransferProblem};
 use crate::backend::{Backend, Footprint, FrameStep, FrameTrace, Harmonic, Phase, PrepareOptions, Solved};
@@ -10,9 +11,6 @@ use crate::error::{PrepareError, SolveError};
 use crate::rotation::Quaternion;
 use crate::team::Team;
 use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// Marks that are worth waking the other threads for: some 50 us of work for one.
-const MANY: usize = 256;
 
 /// Columns of the harmonic field: the components of a quaternion.
 const FIELD: usize = 4;
@@ -26,8 +24,7 @@ pub struct DifferentialCoordinates {
     harmonic: Box<dyn Harmonic>,
     fragments: Fragments,
     team: Team,
-    poses: Vec<MarkPose>,
-    values: Vec<f64>,
+    posing: Posing,
     /// Step 2 as solved, n x 4; the initial guess of the next frame.
     field: Vec<f64>,
     quaternions: Vec<Quaternion>,
@@ -66,8 +63,7 @@ impl DifferentialCoordinates {
         let fragments = Fragments::new(&problem.laplacian, problem.target.positions());
         let n = problem.target.positions().len();
         Ok(Self {
-            poses: vec![MarkPose::default(); problem.marks.all().len()],
-            values: vec![0.0; FIELD * problem.marks.vertices().len()],
+            posing: Posing::new(&problem.marks),
             field: vec![0.0; FIELD * n],
             quaternions: vec![Quaternion::default(); n],
             turns: vec![Turn::default(); fragments.triangles()],
@@ -84,7 +80,7 @@ impl DifferentialCoordinates {
 
     /// From now on every field starts from a combination of the last ones, which have relative residuals of `tolerance`.
     pub(super) fn predict(&mut self, tolerance: f64) {
-        let (rows, n) = (self.values.len() / FIELD, self.quaternions.len());
+        let (rows, n) = (self.posing.values.len() / FIELD, self.quaternions.len());
         self.prediction = Some(Prediction::new(rows, n, FIELD, DEPTH, tolerance));
     }
 
@@ -106,13 +102,13 @@ impl DifferentialCoordinates {
         on: &mut dyn FnMut(FrameStep),
     ) -> Result<Solved, SolveError> {
         on(FrameStep::Marks);
-        self.pose(template)?;
+        self.replaced = self.posing.pose(&self.problem.marks, &mut self.team, template)?;
         on(FrameStep::Field);
-        let (n, rows) = (self.quaternions.len(), self.values.len() / FIELD);
+        let (n, rows) = (self.quaternions.len(), self.posing.values.len() / FIELD);
         if let Some(prediction) = &mut self.prediction {
-            prediction.guess(&mut self.team, &self.values, &mut self.field);
+            prediction.guess(&mut self.team, &self.posing.values, &mut self.field);
         }
-        let values = Columns::new(&self.values[..], rows, FIELD);
+        let values = Columns::new(&self.posing.values[..], rows, FIELD);
         let solved = self.harmonic.solve(values, Columns::new(&mut self.field, n, FIELD))?;
         if let Some(prediction) = &mut self.prediction {
             prediction.remember(&mut self.team, &self.field);
@@ -129,7 +125,7 @@ impl DifferentialCoordinates {
 
     /// What the marks do in the last pose.
     pub fn poses(&self) -> &[MarkPose] {
-        &self.poses
+        &self.posing.poses
     }
 
     /// Unit quaternions at the vertices in the last pose; zero outside of the marked components.
@@ -139,8 +135,8 @@ impl DifferentialCoordinates {
 
     /// What the last pose left, with the team free for work of the caller.
     pub(super) fn with_team(&mut self) -> (Posed<'_>, &mut Team) {
-        let Self { problem, poses, quaternions, team, .. } = self;
-        (Posed { problem, poses, quaternions }, team)
+        let Self { problem, posing, quaternions, team, .. } = self;
+        (Posed { problem, poses: &posing.poses, quaternions }, team)
     }
 
     /// U of the last pose, with the team free for work of the caller.
@@ -150,13 +146,13 @@ impl DifferentialCoordinates {
 
     /// Constraint values, field and U of the last pose.
     pub fn trace(&self) -> FrameTrace<'_> {
-        let Self { values, field, rhs, replaced, .. } = self;
-        FrameTrace { constraints: values, field, rhs, replaced: *replaced }
+        let Self { posing, field, rhs, replaced, .. } = self;
+        FrameTrace { constraints: &posing.values, field, rhs, replaced: *replaced }
     }
 
     /// What the harmonic handle holds, buffers included.
     pub fn footprint(&self) -> Footprint {
-        let numbers = self.values.len()
+        let numbers = self.posing.values.len()
             + self.field.len()
             + self.rhs.len()
             + 4 * (self.quaternions.len() + self.turns.len());
@@ -164,20 +160,6 @@ impl DifferentialCoordinates {
         let buffers = (8 * numbers + self.fragments.bytes() + past) as u64;
         let harmonic = self.harmonic.footprint();
         Footprint { host_bytes: harmonic.host_bytes.map(|bytes| bytes + buffers), ..harmonic }
-    }
-
-    /// Step 1 and the input of step 2: rotations of the marks, values at the constrained vertices.
-    fn pose(&mut self, template: &[[f64; 3]]) -> Result<(), SolveError> {
-        let marks = &self.problem.marks;
-        let collapsed = if self.poses.len() < MANY {
-            marks.pose(template, &mut self.poses)?
-        } else {
-            assert_eq!(template.len(), marks.template_vertices(), "template: one position per vertex");
-            self.team.for_each_run(&mut self.poses, 1, |range, poses| marks.turn(template, range, poses));
-            marks.agree(template, &mut self.poses)?
-        };
-        self.replaced = collapsed + self.problem.marks.constraint_values(&self.poses, &mut self.values);
-        Ok(())
     }
 
     /// The end of step 2, and steps 3 and 4: from the field to U.
@@ -202,7 +184,7 @@ impl DifferentialCoordinates {
         for v in 0..self.quaternions.len() {
             if self.quaternions[v] == [0.0; 4] && !self.problem.laplacian.incidence().at(v).is_empty() {
                 let nearest = self.problem.marks.nearest(self.problem.target.positions()[v]);
-                self.quaternions[v] = self.poses[nearest].rotation;
+                self.quaternions[v] = self.posing.poses[nearest].rotation;
                 self.replaced += 1;
             }
         }
@@ -230,8 +212,8 @@ mod tests {
         let problem = default_problem(&mesh).expect("usable");
         let mut half = DifferentialCoordinates::prepare(&*backend, &problem, None, &mut |_| {})
             .expect("positive definite");
-        half.pose(mesh.positions()).expect("finite");
-        for (m, pose) in half.poses.iter_mut().enumerate() {
+        half.posing.pose(&problem.marks, &mut half.team, mesh.positions()).expect("finite");
+        for (m, pose) in half.posing.poses.iter_mut().enumerate() {
             pose.rotation = [0.0, 0.0, m as f64, 1.0]; // recognisable, no rotation
         }
         half.field = vec![1e-4; 20];

@@ -21,13 +21,13 @@ use std::ops::Range;
 #[derive(Clone, Debug)]
 pub struct Fragments {
     isa: Isa,
-    triangles: Vec<[u32; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
     /// Start of every vertex' corners; n + 1.
-    starts: Vec<u32>,
+    pub(crate) starts: Vec<u32>,
     /// Triangle of every corner, vertex after vertex.
-    corner_triangles: Vec<u32>,
+    pub(crate) corner_triangles: Vec<u32>,
     /// c of every corner, in the same order.
-    corner_edges: Vec<Vector>,
+    pub(crate) corner_edges: Vec<Vector>,
 }
 
 impl Fragments {

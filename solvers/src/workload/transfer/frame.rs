@@ -1,7 +1,7 @@
 //! Frames on the CPU, around any backend's handles.
 
 use super::differential::DifferentialCoordinates;
-use super::marks::centroid;
+use super::placement::Placement;
 use super::prediction::Prediction;
 use super::{TransferError, TransferProblem};
 use crate::backend::{
@@ -12,8 +12,6 @@ use crate::error::SolveError;
 use crate::laplacian::Weights;
 use crate::mesh::TriangleMesh;
 use crate::poisson::Poisson;
-use crate::rotation::rotate;
-use crate::vector::{add, scale, sub};
 
 /// Columns of step 5: coordinates.
 const SPACE: usize = 3;
@@ -28,7 +26,7 @@ pub struct Transfer {
     /// Step 5 before the translation, n x 3; the initial guess of the next frame.
     solution: Vec<f64>,
     prediction: Option<Prediction<f64>>,
-    shifts: Vec<[f64; 3]>,
+    placement: Placement,
 }
 
 impl Transfer {
@@ -63,8 +61,8 @@ impl Transfer {
         let order = poisson.vertex_order();
         let differential = DifferentialCoordinates::prepare(backend, problem, order.as_deref(), on)?;
         let solution = vec![0.0; SPACE * positions.len()];
-        let shifts = vec![[0.0; 3]; problem.pieces.marks_of().len()];
-        Ok(Self { differential, poisson, solution, prediction: None, shifts })
+        let placement = Placement::new(problem);
+        Ok(Self { differential, poisson, solution, prediction: None, placement })
     }
 
     /// For backends that iterate: both solves of a frame start from the combination of past frames whose right-hand sides
@@ -88,35 +86,13 @@ impl Transfer {
         let solved = self.solution.as_chunks::<SPACE>().0;
         let (differential, team) = self.differential.with_team();
         let problem = differential.problem;
-        self.shifts.fill([0.0; 3]);
-        let marks = problem.marks.all().iter().zip(differential.poses).zip(problem.pieces.of_mark());
-        for ((mark, pose), &piece) in marks {
-            let missing = sub(pose.centroid, centroid(mark.target.map(|v| solved[v as usize])));
-            let share = 1.0 / f64::from(problem.pieces.marks_of()[piece as usize]);
-            let shift = &mut self.shifts[piece as usize];
-            *shift = add(*shift, scale(share, missing));
-        }
-        let shifts = &self.shifts;
+        self.placement.update(problem, differential.poses, |v| solved[v]);
+        let placement = &self.placement;
         team.for_each_run(target, 1, |vertices, target| {
-            let moved = target.iter_mut().zip(&solved[vertices.clone()]);
-            match shifts[..] {
-                [shift] => moved.for_each(|(x, &s)| *x = add(s, shift)),
-                _ => moved
-                    .zip(vertices)
-                    .for_each(|((x, &s), v)| *x = add(s, shifts[problem.pieces.of_vertex(v)])),
-            }
+            placement.apply(problem, vertices.start, solved[vertices].iter().copied(), target);
         });
-        let reference = problem.target.positions();
-        for &v in problem.pieces.unreferenced() {
-            target[v as usize] = reference[v as usize];
-        }
-        for piece in problem.pieces.detached() {
-            let anchor = piece.anchor as usize;
-            let (rotation, at) = (differential.quaternions[anchor], target[anchor]);
-            for &v in &piece.vertices {
-                target[v as usize] = add(at, rotate(rotation, sub(reference[v as usize], reference[anchor])));
-            }
-        }
+        let anchor = |piece: usize| problem.pieces.detached()[piece].anchor as usize;
+        Placement::follow(problem, |piece| differential.quaternions[anchor(piece)], target);
     }
 }
 
@@ -149,7 +125,7 @@ impl TransferFrame for Transfer {
         Ok(worse(field, space))
     }
 
-    fn trace(&self) -> Option<FrameTrace<'_>> {
+    fn trace(&mut self) -> Option<FrameTrace<'_>> {
         Some(self.differential.trace())
     }
 

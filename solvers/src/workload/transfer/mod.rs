@@ -17,9 +17,11 @@ pub mod fragments;
 mod frame;
 pub mod marks;
 mod pieces;
+pub(crate) mod placement;
+pub(crate) mod posing;
 mod prediction;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use frame::Transfer;
 pub use pieces::{Detached, Pieces};

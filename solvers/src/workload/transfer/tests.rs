@@ -8,7 +8,7 @@ use crate::vector::{Vector, add, distance_squared, norm, scale, sub};
 use crate::workload::twist::Twist;
 
 /// A closed tube of 12 x `rings` vertices with pinched ends, its axis along x, `bump` making it irregular.
-fn tube(rings: u32, bump: f64, centre: Vector) -> TriangleMesh {
+pub(crate) fn tube(rings: u32, bump: f64, centre: Vector) -> TriangleMesh {
     const AROUND: u32 = 12;
     let point = |ring: u32, i: u32| {
         let angle = std::f64::consts::TAU * f64::from(i) / f64::from(AROUND);
@@ -29,7 +29,7 @@ fn tube(rings: u32, bump: f64, centre: Vector) -> TriangleMesh {
 }
 
 /// Two meshes in one.
-fn together(a: &TriangleMesh, b: &TriangleMesh) -> TriangleMesh {
+pub(crate) fn together(a: &TriangleMesh, b: &TriangleMesh) -> TriangleMesh {
     let shift = a.positions().len() as u32;
     let moved = b.triangles().iter().map(|t| t.map(|v| v + shift));
     let positions = a.positions().iter().chain(b.positions()).copied().collect();
@@ -48,7 +48,7 @@ fn frame(transfer: &mut Transfer, template: &[[f64; 3]]) -> Vec<[f64; 3]> {
 }
 
 /// Largest distance between corresponding points, relative to the diagonal.
-fn error(mesh: &TriangleMesh, a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+pub(crate) fn error(mesh: &TriangleMesh, a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
     let larger = |m: f64, d: f64| if d.is_nan() { f64::INFINITY } else { m.max(d) };
     a.iter().zip(b).map(|(&p, &q)| distance_squared(p, q).sqrt()).fold(0.0, larger) / mesh.diagonal()
 }

@@ -3,11 +3,13 @@
 //! ```text
 //! order -> supernodes (wide ones: a device wants few levels) -> blocks, tiles -> numeric (CPU, f64) -> tiles in T
 //! frame: (g -> couple ->) b -> [assemble, forward tiles] per level -> [backward tiles] per level -> x, one submission
+//! transfer: harmonic frame -> rotations of triangles -> differential coordinates -> frame, one submission
 //! ```
 //! Ordering, analysis and numeric factorisation are `framechol`'s; layout and sweeps are described in `tiles` and
 //! `blocks`, figures in the README of this folder.
 mod blocks;
 mod coupling;
+mod fragments;
 mod frames;
 mod harmonic;
 mod mixed;
@@ -16,8 +18,12 @@ mod tables;
 #[cfg(test)]
 mod tests;
 mod tiles;
+mod transfer;
 
-use crate::backend::{Backend, Description, Factor, Footprint, Harmonic, Phase, PrepareOptions, Solved};
+use crate::backend::{
+    Backend, Description, Factor, Footprint, Harmonic, Phase, PrepareOptions, Solved, TransferFrame,
+};
+use crate::backends::framechol::constraints::extend_order;
 use crate::backends::framechol::engine::groups;
 use crate::backends::framechol::gather::Group;
 use crate::backends::framechol::supernodes::Supernodes;
@@ -32,14 +38,17 @@ use crate::registry::OpenOptions;
 use crate::sparse::{SymmetricCsr, inverse_permutation};
 use crate::system::System;
 use crate::team::Team;
+use crate::workload::transfer::TransferProblem;
 use coupling::Coupling;
+use fragments::Fragmentation;
 use frames::Frames;
 use harmonic::Field;
 use mixed::Mixed;
 use number::{Kernels, Number};
 use std::marker::PhantomData;
 use std::sync::{Arc, Mutex};
-use tables::{Places, Tables};
+use tables::{PLANE, Places, Tables};
+use transfer::{DeviceFrames, Parts};
 
 /// Opens `vulkan-direct-f64`: stored and swept in f64.
 pub fn open_f64(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
@@ -147,6 +156,23 @@ impl<T: Number, M: Method<T>> Direct<T, M> {
         Ok((Symbolic::new(matrix, &graph, &groups, &order, 1), name))
     }
 
+    /// The factor of a harmonic field with a row per vertex, the way of its constraints to it, and the name of the ordering.
+    fn field(
+        &self,
+        problem: &Dirichlet,
+        system: &System,
+        options: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<(Tables<T>, Coupling<T>, &'static str), PrepareError> {
+        let (free, active) = (problem.free(), problem.active_rows());
+        let of = |row: u32| free[row as usize];
+        let places = Places { n: problem.laplacian().n(), of: &of, active: Some(&active) };
+        let (tables, ordering) = self.factorise(system.matrix(), options, &places, on)?;
+        let mut coupling = Coupling::new(&self.device, problem)?;
+        coupling.update(problem.laplacian().values(), tables.scale)?;
+        Ok((tables, coupling, ordering))
+    }
+
     /// The factor of a matrix on the device, and the name of the ordering.
     fn factorise(
         &self,
@@ -191,14 +217,10 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
     ) -> Result<Box<dyn Harmonic>, PrepareError> {
         match problem.system() {
             Some(system) if M::PLAIN => {
-                let (free, active) = (problem.free(), problem.active_rows());
-                let of = |row: u32| free[row as usize];
-                let places = Places { n: problem.laplacian().n(), of: &of, active: Some(&active) };
-                let (tables, ordering) = self.factorise(system.matrix(), options, &places, on)?;
+                let (tables, coupling, ordering) = self.field(problem, system, options, on)?;
                 on(Phase::Upload);
-                let constraints = (Coupling::new(&self.device, problem)?, problem.fixed().len());
-                let mut frames = Frames::new(tables, self.team()?, Some(constraints), options.max_columns)?;
-                frames.couple(problem.laplacian().values())?;
+                let constraints = (coupling, problem.fixed().len());
+                let frames = Frames::new(tables, self.team()?, Some(constraints), options.max_columns)?;
                 Ok(Box::new(Field::new(problem, frames, ordering)))
             }
             system => {
@@ -206,6 +228,37 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
                 Ok(Box::new(ReducedHarmonic::new(problem.clone(), factor, options.max_columns)))
             }
         }
+    }
+
+    /// Frames whose tables the device's kernels cannot see whole, and those of a mesh without a free vertex, are put
+    /// together on the CPU.
+    fn prepare_transfer(
+        &self,
+        problem: &TransferProblem,
+        _: &PrepareOptions<'_>,
+        on: &mut dyn FnMut(Phase),
+    ) -> Result<Option<Box<dyn TransferFrame>>, PrepareError> {
+        let laplacian = problem.laplacian().matrix();
+        let grounded = Dirichlet::grounded(laplacian.clone(), None)
+            .map_err(|error| PrepareError::Unsupported { what: error.to_string() })?;
+        let (Some(whole), Some(system)) = (grounded.system(), problem.harmonic().system()) else {
+            return Ok(None);
+        };
+        if !M::PLAIN || Fragmentation::<T>::largest(problem) > self.device.traits().range {
+            return Ok(None);
+        }
+        let options = PrepareOptions { max_columns: PLANE, order: None };
+        let of = |row: u32| grounded.free()[row as usize];
+        let places = Places { n: laplacian.n(), of: &of, active: None };
+        let (space, ordering) = self.factorise(whole.matrix(), &options, &places, on)?;
+        // One order serves both: the field lacks a few rows, and has those that were grounded.
+        let order = problem.harmonic().restrict_order(&extend_order(&grounded, &space.symbolic().order));
+        let options = PrepareOptions { order: Some(&order), ..options };
+        let (field, coupling, _) = self.field(problem.harmonic(), system, &options, on)?;
+        on(Phase::Upload);
+        let fragments = Fragmentation::new(&self.device, problem)?;
+        let parts = Parts { field, space, coupling, fragments };
+        Ok(Some(Box::new(DeviceFrames::new(problem, parts, self.team()?, ordering)?)))
     }
 }
 

@@ -45,6 +45,14 @@ pub trait Number: Lanes + Plain {
     const PACKING: Shader;
     /// A right-hand side from values at constraints.
     const COUPLE: Shader;
+    /// Rows to or from their places.
+    const SCATTER: Shader;
+    /// Unit quaternions from a field.
+    const NORMALISE: Shader;
+    /// Rotations of triangles.
+    const TURN: Shader;
+    /// Their differential coordinates.
+    const DIVERGENCE: Shader;
     /// y of a level's pivots.
     const ASSEMBLE: Shader;
     /// Tiles of the forward sweep; storage buffers with vectors read by every lane, or handed round.
@@ -60,6 +68,16 @@ macro_rules! number {
             const PACKING: Shader = storage_shader!("pack", $name, &[Storage, Storage], 3);
             const COUPLE: Shader =
                 shader!("couple", $name, &[Indices, Indices, Indices, $values, $values, Storage], 1);
+            const SCATTER: Shader = shader!("scatter", $name, &[Indices, $values, Storage], 1);
+            const NORMALISE: Shader = shader!(
+                "normalise",
+                $name,
+                &[$values, Indices, $values, $values, $values, Storage, Storage],
+                3
+            );
+            const TURN: Shader = shader!("turn", $name, &[Words, $values, Storage], 1);
+            const DIVERGENCE: Shader =
+                shader!("divergence", $name, &[Indices, Indices, $values, $values, Storage], 1);
             const ASSEMBLE: Shader =
                 shader!("assemble", $name, &[Indices, $values, Indices, Indices, $values, Storage], 3);
             const FORWARD: [Shader; 2] = shader_pair!(

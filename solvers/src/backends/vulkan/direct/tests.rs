@@ -1,5 +1,6 @@
 //! Solves on the device against the matrix itself, with every way of reading, staged and not, cut and whole.
 mod harmonic;
+mod transfer;
 
 use super::*;
 use crate::backends::vulkan::device::Access;
@@ -278,6 +279,8 @@ fn prints_the_bits_of_a_solution() {
         let (b, mut x) = (wave(5 * n), vec![0.0; 5 * n]);
         factor.solve(Columns::new(&b, n, 5), Columns::new(&mut x[..], n, 5)).expect("finite");
         sum = x.iter().fold(sum, |sum, v| sum.rotate_left(1) ^ v.to_bits());
+        let target = transfer::frame(&backend);
+        sum = target.as_flattened().iter().fold(sum, |sum, v| sum.rotate_left(1) ^ v.to_bits());
     }
     println!("bits {sum:x}");
 }

@@ -8,9 +8,11 @@
 
 #ifdef REAL_f64
 #define real double
+#define real3 dvec3
 #define real4 dvec4
 #else
 #define real float
+#define real3 vec3
 #define real4 vec4
 #endif
 
