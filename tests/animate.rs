@@ -160,6 +160,38 @@ fn arap_on_top_distorts_fewer_edges_and_leaves_rest_alone() {
     assert!(plain[1] > 0.001 && stiff[1] < 0.8 * plain[1], "{plain:?} {stiff:?}");
 }
 
+#[test]
+fn kept_volumes_are_those_at_rest_or_follow_the_template() {
+    let scene = Scene::new();
+    let rest = scene.template.positions().to_vec();
+    let bend = |p: &Vector| match p[1] {
+        y if y > 1.0 => add(rotate(about_axis(0, 1.4 * ((y - 1.0) / 0.15).min(1.0)), sub(*p, WAIST)), WAIST),
+        _ => *p,
+    };
+    let bent: Vec<Vector> = rest.iter().map(bend).collect();
+    scene.frames("f.npy", &[rest, bent]);
+    let changes = |option: &str| -> Vec<f64> {
+        let (code, _, stderr) =
+            scene.transfer(&format!("--frames @/f.npy {option} --statistics @/s.csv --out @/o.npy"));
+        assert_eq!(code, 0, "{stderr}");
+        assert!(apart(&scene.target, scene.read("o.npy").frame(0), scene.target.positions()) < 1e-9);
+        let table = std::fs::read_to_string(scene.path("s.csv")).expect("statistics");
+        table.lines().skip(1).map(|row| row.split(',').nth(2).unwrap().parse().unwrap()).collect()
+    };
+    let (plain, kept, followed) = (changes(""), changes("--keep-volume=rest"), changes("--keep-volume"));
+    assert!(plain[1].abs() > 1e-3, "{plain:?}");
+    assert!(kept.iter().all(|change| change.abs() <= 1e-6), "{kept:?}");
+    assert!((followed[1] - plain[1]).abs() > 1e-5 && followed[1].abs() > 1e-5, "{plain:?} {followed:?}");
+    let open = scene.target.triangles()[..2000].to_vec();
+    let open = TriangleMesh::new(scene.target.positions().to_vec(), open).unwrap();
+    write_mesh(&scene.path("open.ply"), &open).unwrap();
+    let refused =
+        "transfer --template @/open.ply --target @/open.ply --frames @/o.npy --keep-volume --out @/no.glb";
+    let (code, _, stderr) = scene.run(refused);
+    assert!(code == 1 && stderr.contains("the surface is open"), "{stderr}");
+    assert!(!scene.path("no.glb").exists());
+}
+
 /// About where the template bends.
 const WAIST: Vector = [0.0, 1.05, 0.0];
 

@@ -14,3 +14,4 @@ pub mod smoothing;
 pub mod transfer;
 pub mod twist;
 pub mod vertex_system;
+pub mod volume;

@@ -1,5 +1,7 @@
 //! `animate`: the papers' pipelines from end to end.
 
+mod frames;
+mod keep_volume;
 mod outputs;
 mod plot;
 mod retarget;

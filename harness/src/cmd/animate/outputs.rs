@@ -1,5 +1,6 @@
 //! What becomes of the frames: files, pictures, figures. Every output appears only when it is complete.
 
+use super::keep_volume::Kept;
 use super::plot;
 use super::statistics::{self, Frame};
 use crate::animation::figures::Rest;
@@ -74,8 +75,19 @@ pub trait Animation {
     fn template(&self) -> Option<&TriangleMesh>;
     /// Positions of the template in the frame made last.
     fn template_pose(&self) -> &[Vector];
-    /// Makes frame `k`; latency in nanoseconds and the number of replaced rotations.
-    fn make(&mut self, k: usize, positions: &mut [Vector]) -> anyhow::Result<(u64, usize)>;
+    /// Makes frame `k`.
+    fn make(&mut self, k: usize, positions: &mut [Vector]) -> anyhow::Result<Made>;
+}
+
+/// What making a frame took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Made {
+    /// From the template's positions in memory to the target's, nanoseconds.
+    pub latency_ns: u64,
+    /// Marks and vertices whose rotation was replaced, because a triangle collapsed or an average vanished.
+    pub replaced: usize,
+    /// What keeping the volume took, where it was asked for.
+    pub kept: Option<Kept>,
 }
 
 /// Lowest and highest corner.
@@ -119,13 +131,12 @@ impl OutputArgs {
         let mut frames = Vec::with_capacity(count);
         let progress = progress(count, "frames");
         for k in 0..count {
-            let (latency_ns, replaced) =
-                animation.make(k, &mut positions).with_context(|| format!("frame {k}"))?;
+            let made = animation.make(k, &mut positions).with_context(|| format!("frame {k}"))?;
             stage.see(k, animation, &positions);
             if let Some(sink) = &mut sink {
                 sink.push(&positions)?;
             }
-            frames.push(Frame { latency_ns, replaced, figures: rest.compare(&positions) });
+            frames.push(Frame { made, figures: rest.compare(&positions) });
             progress.inc(1);
         }
         progress.finish_and_clear();

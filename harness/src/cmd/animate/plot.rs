@@ -18,7 +18,7 @@ pub fn write(path: &Path, frames: &[Frame]) -> Result<(), FileError> {
     const GREEN: RGBColor = RGBColor(0, 158, 115);
     let of = |value: fn(&Frame) -> f64| frames.iter().map(value).collect::<Vec<f64>>();
     let panels: [(&str, Vec<Curve<'_>>); 3] = [
-        ("milliseconds per frame", vec![("latency", BLUE, of(|f| f.latency_ns as f64 * 1e-6))]),
+        ("milliseconds per frame", vec![("latency", BLUE, of(|f| f.made.latency_ns as f64 * 1e-6))]),
         (
             "volume change, per cent",
             vec![("volume", ORANGE, of(|f| 100.0 * f.figures.volume_change.unwrap_or(f64::NAN)))],

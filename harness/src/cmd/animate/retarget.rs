@@ -1,6 +1,6 @@
 //! `animate retarget`: a noisy skeleton motion, cleaned and smoothed, moves a mesh (the depth-camera pipeline).
 
-use super::outputs::{Animation, OutputArgs};
+use super::outputs::{Animation, Made, OutputArgs};
 use super::skeleton::SkeletonArgs;
 use super::solver::SolverArgs;
 use super::statistics;
@@ -144,9 +144,9 @@ impl Animation for Skinned {
         &[]
     }
 
-    fn make(&mut self, k: usize, positions: &mut [Vector]) -> anyhow::Result<(u64, usize)> {
+    fn make(&mut self, k: usize, positions: &mut [Vector]) -> anyhow::Result<Made> {
         let begin = Instant::now();
         self.rig.write(k * self.every, positions);
-        Ok((begin.elapsed().as_nanos() as u64, 0))
+        Ok(Made { latency_ns: begin.elapsed().as_nanos() as u64, ..Made::default() })
     }
 }

@@ -1,10 +1,11 @@
 //! `animate transfer`: the motion of a template drives a target (video-driven animation).
 
-use super::outputs::{Animation, OutputArgs, rate};
+use super::frames::{Extras, Frames};
+use super::keep_volume::Wanted;
+use super::outputs::{Animation, Made, OutputArgs, rate};
 use super::skeleton::SkeletonArgs;
 use super::solver::SolverArgs;
 use super::statistics;
-use super::stiff::Frames;
 use super::template::{Template, generated};
 use crate::animation::correspondences::{self, Pair, Proposal};
 use crate::body::{self, Body};
@@ -51,6 +52,11 @@ pub struct Args {
     /// Iterations of as-rigid-as-possible deformation on top of every frame: fewer edges are stretched or squeezed
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1000))]
     arap: u32,
+    /// Move the surface along its smoothed normals, by as much everywhere, until it encloses the volume at rest, times what
+    /// the template's volume has become in that frame (`rest`: times 1)
+    #[arg(long, value_name = "template|rest", value_enum, num_args = 0..=1, require_equals = true,
+          default_missing_value = "template")]
+    keep_volume: Option<Wanted>,
     /// Start a frame HZ times a second, on a schedule, and say how many were late
     #[arg(long, value_name = "HZ", value_parser = rate)]
     play: Option<f64>,
@@ -119,7 +125,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let mut rows = Rows::new(["figure", "value"]);
     describe(&problem, &mut rows);
     let begin = Instant::now();
-    let frames = Frames::prepare(&*backend, &problem, args.arap)?;
+    let frames = Frames::prepare(&*backend, &problem, &template.mesh, args.extras())?;
     rows.push(["set-up", &format!("{:.0} ms", begin.elapsed().as_secs_f64() * 1e3)]);
     let rate = template.rate;
     let pose = template.mesh.positions().to_vec();
@@ -136,6 +142,10 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
 }
 
 impl Args {
+    fn extras(&self) -> Extras {
+        Extras { arap: self.arap, volume: self.keep_volume, threads: self.solver.threads() }
+    }
+
     /// The correspondences: given, known, or proposed and written down.
     fn pairs(
         &self,
@@ -276,12 +286,12 @@ impl Animation for Moving {
         &self.pose
     }
 
-    fn make(&mut self, k: usize, positions: &mut [Vector]) -> anyhow::Result<(u64, usize)> {
+    fn make(&mut self, k: usize, positions: &mut [Vector]) -> anyhow::Result<Made> {
         self.template.write(k, &mut self.pose);
         let begin = Instant::now();
         self.frames.frame(&self.pose, positions)?;
-        let latency = begin.elapsed().as_nanos() as u64;
-        Ok((latency, self.frames.replaced()))
+        let latency_ns = begin.elapsed().as_nanos() as u64;
+        Ok(Made { latency_ns, replaced: self.frames.replaced(), kept: self.frames.kept() })
     }
 }
 
