@@ -1,8 +1,9 @@
 //! Frames of a direct solve: right-hand sides in, both sweeps in one submission, solutions out.
+use super::core::Core;
 use super::coupling::Coupling;
 use super::number::{GROUP, Number};
-use super::tables::{PLANE, Tables};
-use crate::backend::Footprint;
+use super::tables::PLANE;
+use crate::backend::{Footprint, Solved};
 use crate::backends::framechol::engine::power_of_two;
 use crate::backends::framechol::gather::Group;
 use crate::backends::vulkan::buffer::{Buffer, Place};
@@ -20,14 +21,14 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 ///
 /// The device has its vectors in planes of four columns. Where the host sees them it writes and reads them there. Elsewhere
 /// only the columns there are go to host memory of the device's, which `pack.comp` reads and writes across the bus.
-pub struct Frames<T: Number> {
-    /// The factor.
-    pub tables: Tables<T>,
+pub struct Frames<C: Core> {
+    /// The factor and what is done with it.
+    pub core: C,
     /// Threads that copy on the host.
     pub team: Team,
-    vectors: Vectors<T>,
-    /// By columns less one.
-    plans: Vec<Recorded>,
+    vectors: Vectors<C::Outer>,
+    /// By columns less one: a usual solve, and the pairs after it one by one.
+    plans: Vec<(Recorded, Vec<Recorded>)>,
     /// Dispatches of one submission.
     dispatches: usize,
     clear: Recorded,
@@ -93,21 +94,28 @@ impl<T: Number> Vectors<T> {
         if self.packing.is_some() { columns } else { PLANE * planes(columns) }
     }
 
-    /// Lists the steps of a frame.
-    fn list(&self, plan: &mut Plan, tables: &Tables<T>, columns: usize) {
+    /// Lists sweep pairs `pairs` of a frame, with the way in before the first of all.
+    fn list(
+        &self,
+        plan: &mut Plan,
+        core: &impl Core<Outer = T>,
+        columns: usize,
+        pairs: std::ops::Range<u32>,
+    ) {
         let pack = |plan: &mut Plan, kernel, from: &Arc<Buffer>, to: &Arc<Buffer>, rows: usize| {
             let push = [rows * columns, columns, PLANE * planes(columns)].map(|word| word as u32);
             plan.dispatch(kernel, &[from, to].map(Buffer::all), &push, push[0].div_ceil(GROUP));
         };
-        if let Some(Packing { input, kernels, .. }) = &self.packing {
+        let begins = pairs.start == 0;
+        if let Some(Packing { input, kernels, .. }) = self.packing.as_ref().filter(|_| begins) {
             pack(plan, &kernels[0], input, &self.input, self.inputs);
             plan.barrier();
             plan.phase(|| "upload".into());
         }
-        if let Some(coupling) = &self.coupling {
+        if let Some(coupling) = self.coupling.as_ref().filter(|_| begins) {
             coupling.list(plan, &self.input, &self.rhs, planes(columns));
         }
-        tables.sweep(plan, &self.rhs, &self.x, planes(columns));
+        core.list(plan, &self.rhs, &self.x, planes(columns), pairs);
         if let Some(Packing { x, kernels, .. }) = &self.packing {
             pack(plan, &kernels[1], &self.x, x, self.n);
             plan.phase(|| "download".into());
@@ -115,23 +123,23 @@ impl<T: Number> Vectors<T> {
     }
 }
 
-impl<T: Number> Frames<T> {
+impl<C: Core> Frames<C> {
     /// Records the frames of a factor for up to `max_columns` columns at once (at most eight), and runs them once: drivers
     /// compile kernels when they first run. Right-hand sides come whole, or from `constraints`: a coupling and how many.
     ///
     /// # Errors
     /// Where memory does not suffice or the device fails.
     pub fn new(
-        tables: Tables<T>,
+        core: C,
         team: Team,
-        constraints: Option<(Coupling<T>, usize)>,
+        constraints: Option<(Coupling<C::Outer>, usize)>,
         max_columns: usize,
     ) -> Result<Self, DeviceError> {
-        let device = tables.device().clone();
+        let device = Arc::clone(core.tables().device());
         let most = max_columns.min(2 * PLANE);
-        let vectors = Vectors::new(&device, tables.rows(), most, constraints)?;
+        let vectors = Vectors::new(&device, core.tables().rows(), most, constraints)?;
         let mut plan = Plan::new(&device);
-        tables.clear(&mut plan);
+        core.clear(&mut plan);
         plan.clear(&vectors.rhs);
         plan.clear(&vectors.x);
         if vectors.coupling.is_some() {
@@ -143,15 +151,23 @@ impl<T: Number> Frames<T> {
         for columns in 1..=most {
             let mut plan = Plan::new(&device);
             plan.mark();
-            vectors.list(&mut plan, &tables, columns);
+            vectors.list(&mut plan, &core, columns, 0..C::PAIRS);
             plan.mark();
             dispatches = plan.dispatches();
-            plans.push(plan.record()?);
+            let mut more = Vec::new();
+            for pair in C::PAIRS..C::MOST {
+                let mut plan = Plan::new(&device);
+                plan.mark();
+                vectors.list(&mut plan, &core, columns, pair..pair + 1);
+                plan.mark();
+                more.push(plan.record()?);
+            }
+            plans.push((plan.record()?, more));
         }
         for columns in [PLANE.min(most), most] {
-            plans[columns - 1].run()?;
+            plans[columns - 1].0.run()?;
         }
-        Ok(Self { tables, team, vectors, plans, dispatches, clear, last: most })
+        Ok(Self { core, team, vectors, plans, dispatches, clear, last: most })
     }
 
     /// The last frame once more, phase by phase.
@@ -159,8 +175,8 @@ impl<T: Number> Frames<T> {
     /// # Errors
     /// Where memory does not suffice or the device fails.
     pub fn device_phases(&self) -> Result<Vec<(String, u64)>, DeviceError> {
-        let mut plan = Plan::timed(self.tables.device());
-        self.vectors.list(&mut plan, &self.tables, self.last);
+        let mut plan = Plan::timed(self.core.tables().device());
+        self.vectors.list(&mut plan, &self.core, self.last, 0..C::PAIRS);
         let mut recorded = plan.record()?;
         recorded.run()?;
         Ok(recorded.phases())
@@ -181,12 +197,11 @@ impl<T: Number> Frames<T> {
     /// # Errors
     /// Where memory does not suffice or the device fails.
     pub fn couple(&mut self, values: &[f64]) -> Result<(), DeviceError> {
-        let scale = self.tables.scale;
+        let scale = self.core.tables().scale;
         self.vectors.coupling.as_mut().map_or(Ok(()), |coupling| coupling.update(values, scale))
     }
 
-    /// One sweep pair for a group of columns of `b`, in the factor's own numbers; returns whether the solution is finite, and
-    /// the time on the device.
+    /// Solves for a group of columns of `b`; returns whether the solution is finite, and what to report.
     ///
     /// # Errors
     /// Where the device fails.
@@ -195,19 +210,27 @@ impl<T: Number> Frames<T> {
         b: Columns<&[f64]>,
         x: &mut Columns<&mut [f64]>,
         group: Group,
-    ) -> Result<(bool, Option<u64>), DeviceError> {
+    ) -> Result<(bool, Solved), DeviceError> {
         if self.vectors.coupling.is_some() && planes(self.last) != planes(group.count) {
             self.clear.run()?; // rows that no frame writes lie elsewhere in two planes than in one
         }
         let largest = self.load(b, group, 1.0);
         // Only a right-hand side far from 1 is scaled: the same bits come out either way, but not the same speed.
-        let scale = if T::COMFORTABLE.contains(&largest) { 1.0 } else { 1.0 / power_of_two(largest) };
+        let scale = if C::COMFORTABLE.contains(&largest) { 1.0 } else { 1.0 / power_of_two(largest) };
         if scale != 1.0 {
             self.load(b, group, scale);
         }
-        let device_ns = self.run(group)?;
-        let of_factor = if self.vectors.coupling.is_some() { 1.0 } else { self.tables.scale };
-        Ok((self.store(x, group, of_factor / scale)?, device_ns))
+        let (mut device_ns, mut pairs) = (self.run(group)?, C::PAIRS);
+        while pairs < C::MOST && !self.core.enough(pairs) {
+            let more = &mut self.plans[group.count - 1].1[(pairs - C::PAIRS) as usize];
+            more.run()?;
+            device_ns = device_ns.zip(more.device_ns()).map(|(a, b)| a + b);
+            pairs += 1;
+        }
+        let of_factor = if self.vectors.coupling.is_some() { 1.0 } else { self.core.tables().scale };
+        let finite = self.store(x, group, of_factor / scale)?;
+        let iterations = (C::MOST > 1).then_some(pairs);
+        Ok((finite, Solved { iterations, device_ns, ..Solved::default() }))
     }
 
     /// A group of columns of `b`, times `scale`, becomes the right-hand side. Returns the largest absolute value of the group
@@ -216,7 +239,7 @@ impl<T: Number> Frames<T> {
         let (n, width) = (self.vectors.inputs, self.vectors.width(group.count));
         let seen = self.vectors.packing.as_ref().map_or(&self.vectors.input, |packing| &packing.input);
         // SAFETY: frames are waited for, self is borrowed exclusively, and nobody else knows the buffer.
-        let host: &mut [T] = unsafe { seen.host() }.expect("the host sees it");
+        let host: &mut [C::Outer] = unsafe { seen.host() }.expect("the host sees it");
         // The bits of numbers that are not negative are ordered as they are; NaN comes last.
         let largest = AtomicU64::new(0);
         self.team.for_each_run(&mut host[..n * width], width, |rows, to| {
@@ -233,7 +256,7 @@ impl<T: Number> Frames<T> {
     /// Where the device fails.
     pub fn run(&mut self, group: Group) -> Result<Option<u64>, DeviceError> {
         self.last = group.count;
-        let recorded = &mut self.plans[group.count - 1];
+        let recorded = &mut self.plans[group.count - 1].0;
         recorded.run()?;
         Ok(recorded.device_ns())
     }
@@ -251,7 +274,7 @@ impl<T: Number> Frames<T> {
         let (k, width) = (x.k(), self.vectors.width(group.count));
         let seen = self.vectors.packing.as_ref().map_or(&self.vectors.x, |packing| &packing.x);
         // SAFETY: as in `load`.
-        let host: &[T] = unsafe { seen.host() }.expect("the host sees it");
+        let host: &[C::Outer] = unsafe { seen.host() }.expect("the host sees it");
         let finite = AtomicBool::new(true);
         self.team.for_each_run(x.data_mut(), k, |rows, to| {
             if !store_rows(&host[rows.start * width..rows.end * width], width, to, k, group, scale) {
@@ -267,22 +290,24 @@ impl<T: Number> Frames<T> {
 
     /// Bytes on the device: all that this handle allocated there.
     pub fn device_bytes(&self) -> u64 {
-        let (numbers, indices) = self.tables.factor_bytes();
+        let (tables, (extra, _)) = (self.core.tables(), self.core.extra_bytes());
+        let (numbers, indices) = tables.factor_bytes();
         let Vectors { input, coupling, rhs, x, .. } = &self.vectors;
         let own = coupling.as_ref().map_or(0, |coupling| input.bytes() + coupling.device_bytes());
-        numbers + indices + self.tables.vector_bytes() + rhs.bytes() + x.bytes() + own
+        numbers + indices + tables.vector_bytes() + rhs.bytes() + x.bytes() + own + extra
     }
 
-    /// What a handle with one sweep pair per solve holds and moves.
+    /// What a handle holds and moves.
     pub fn footprint(&self, ordering: &'static str) -> Footprint {
-        let (numbers, indices) = self.tables.factor_bytes();
-        let symbolic = self.tables.symbolic();
+        let (tables, (_, read)) = (self.core.tables(), self.core.extra_bytes());
+        let (numbers, indices) = tables.factor_bytes();
+        let symbolic = tables.symbolic();
         Footprint {
-            host_bytes: Some(self.tables.host_bytes()),
+            host_bytes: Some(tables.host_bytes()),
             device_bytes: Some(self.device_bytes()),
             factor_nonzeros: Some(symbolic.nonzeros),
             factor_bytes: Some(numbers + indices),
-            bytes_per_solve: Some(numbers + indices),
+            bytes_per_solve: Some(u64::from(C::PAIRS) * (numbers + indices + read)),
             factor_flops: Some(symbolic.flops),
             dispatches: Some(self.dispatches()),
             ordering: Some(ordering),

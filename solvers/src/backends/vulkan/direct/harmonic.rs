@@ -4,8 +4,9 @@
 //! rows next to a constraint are formed on the device, and the forward sweep leaves out blocks that they do not reach
 //! (J. R. Gilbert and T. Peierls, "Sparse partial pivoting in time proportional to arithmetic operations", SIAM J. Sci.
 //! Stat. Comput. 9, 1988).
+use super::core::Core;
 use super::frames::Frames;
-use super::number::Number;
+use super::handle::together;
 use crate::backend::{Footprint, Harmonic, Phase, Solved};
 use crate::backends::framechol::engine::groups;
 use crate::columns::Columns;
@@ -13,20 +14,20 @@ use crate::dirichlet::Dirichlet;
 use crate::error::{PrepareError, SolveError};
 
 /// A prepared harmonic field.
-pub struct Field<T: Number> {
+pub struct Field<C: Core> {
     problem: Dirichlet,
-    frames: Frames<T>,
+    frames: Frames<C>,
     ordering: &'static str,
 }
 
-impl<T: Number> Field<T> {
+impl<C: Core> Field<C> {
     /// Wraps frames from values at the constraints of `problem`.
-    pub fn new(problem: &Dirichlet, frames: Frames<T>, ordering: &'static str) -> Self {
+    pub fn new(problem: &Dirichlet, frames: Frames<C>, ordering: &'static str) -> Self {
         Self { problem: problem.clone(), frames, ordering }
     }
 }
 
-impl<T: Number> Harmonic for Field<T> {
+impl<C: Core> Harmonic for Field<C> {
     fn solve(
         &mut self,
         constraints: Columns<&[f64]>,
@@ -35,18 +36,18 @@ impl<T: Number> Harmonic for Field<T> {
         let (k, fixed) = (constraints.k(), self.problem.fixed());
         assert_eq!((constraints.n(), k), (fixed.len(), field.k()), "constraints: |C| x k");
         assert_eq!(field.n(), self.problem.laplacian().n(), "field: one row per vertex");
-        let (mut finite, mut device_ns) = (true, Some(0));
+        let (mut finite, mut all) = (true, Solved { device_ns: Some(0), ..Solved::default() });
         for group in groups(k, self.frames.widest()) {
-            let (good, ns) = self.frames.solve(constraints, &mut field, group)?;
+            let (good, solved) = self.frames.solve(constraints, &mut field, group)?;
             finite &= good;
-            device_ns = device_ns.zip(ns).map(|(a, b)| a + b);
+            all = together(all, solved);
         }
         for (row, &v) in fixed.iter().enumerate() {
             field.row_mut(v as usize).copy_from_slice(constraints.row(row));
         }
         match if finite { None } else { field.data().iter().position(|v| !v.is_finite()) } {
             Some(at) => Err(SolveError::NonFinite { row: at / k }),
-            None => Ok(Solved { device_ns, ..Solved::default() }),
+            None => Ok(all),
         }
     }
 
@@ -54,7 +55,7 @@ impl<T: Number> Harmonic for Field<T> {
         self.problem.update_values(values)?;
         on(Phase::Numeric);
         let system = self.problem.system().expect("something is free");
-        self.frames.tables.factorise(system.matrix().values())?;
+        self.frames.core.factorise(system.matrix().values())?;
         Ok(self.frames.couple(values)?)
     }
 

@@ -1,26 +1,31 @@
-//! `mixed`: sweeps in f32 on the device, residuals in f64 on the CPU, so that devices without f64 reach 1e-9 too
+//! `mixed` on a device without f64, or one that is the CPU: sweeps in f32 there, residuals in f64 on the CPU
 //! (J. H. Wilkinson, "Rounding Errors in Algebraic Processes", 1963, section 3.4).
-use super::Method;
 use super::frames::Frames;
-use crate::backend::Solved;
-use crate::backends::framechol::engine::power_of_two;
+use super::handle::together;
+use super::tables::Tables;
+use crate::backend::{Factor, Footprint, Phase, Solved};
+use crate::backends::framechol::engine::{groups, power_of_two};
+use crate::backends::framechol::first_bad_row;
 use crate::backends::framechol::gather::Group;
 use crate::columns::Columns;
-use crate::error::SolveError;
+use crate::error::{PrepareError, SolveError};
 use crate::sparse::{FullPattern, SymmetricCsr};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Most sweep pairs of a solve.
-const MOST_PAIRS: u32 = 5;
+pub(super) const MOST_PAIRS: u32 = 5;
+/// Those of a usual one.
+const USUAL_PAIRS: u64 = 2;
 /// Backward error at which refinement stops: a fifth of what the class promises (5e-12), in a smaller norm of A.
-const ENOUGH: f64 = 1e-12;
+pub(super) const ENOUGH: f64 = 1e-12;
 /// Relative size that the error after the last pair may have, estimated as the last step times the contraction seen: a
 /// tenth of what the class promises (2e-9).
-const SMALL: f64 = 2e-10;
+pub(super) const SMALL: f64 = 2e-10;
 
 /// The frames with what refinement needs.
-pub struct Mixed {
-    frames: Frames<f32>,
+pub struct HostRefined {
+    frames: Frames<Tables<f32>>,
+    ordering: &'static str,
     matrix: Rows,
     /// Its largest diagonal entry: a lower bound of its norm.
     norm: f64,
@@ -90,33 +95,68 @@ impl Largest {
     }
 }
 
-impl Method<f32> for Mixed {
-    const PLAIN: bool = false;
-    const PAIRS: u64 = 2;
+impl Factor for HostRefined {
+    fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
+        let (n, k) = (self.frames.core.rows(), rhs.k());
+        assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
+        let mut all = Solved { device_ns: Some(0), ..Solved::default() };
+        for group in groups(k, self.frames.widest()) {
+            let (finite, solved) = self.refine(rhs, &mut x, group)?;
+            if !finite {
+                return Err(SolveError::NonFinite { row: first_bad_row(rhs, x.view()) });
+            }
+            all = together(all, solved);
+        }
+        Ok(all)
+    }
 
-    fn new(frames: Frames<f32>, matrix: &SymmetricCsr, values: &[f64], _: usize) -> Self {
+    fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
+        on(Phase::Numeric);
+        self.frames.core.factorise(values)?;
+        self.renew(values);
+        Ok(())
+    }
+
+    fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
+        Ok(self.frames.device_phases()?)
+    }
+
+    fn permutation(&self) -> Option<&[u32]> {
+        Some(&self.frames.core.symbolic().order)
+    }
+
+    fn footprint(&self) -> Footprint {
+        let (of_one, matrix) = (self.frames.footprint(self.ordering), self.matrix.bytes());
+        let own = matrix + 24 * self.residual.len() as u64;
+        Footprint {
+            host_bytes: of_one.host_bytes.map(|bytes| bytes + own),
+            bytes_per_solve: of_one.bytes_per_solve.map(|bytes| USUAL_PAIRS * (bytes + matrix)),
+            dispatches: of_one.dispatches.map(|count| USUAL_PAIRS * count),
+            ..of_one
+        }
+    }
+}
+
+impl HostRefined {
+    /// From the frames of a factor that is in place, and the matrix.
+    pub fn new(frames: Frames<Tables<f32>>, matrix: &SymmetricCsr, ordering: &'static str) -> Self {
         let vector = || vec![0.0; matrix.n() * frames.widest()];
         let (residual, step, solution) = (vector(), vector(), vector());
-        let mut mixed = Self { frames, matrix: Rows::new(matrix), norm: 0.0, residual, step, solution };
-        mixed.renew(values);
-        mixed
+        let mut refined =
+            Self { frames, ordering, matrix: Rows::new(matrix), norm: 0.0, residual, step, solution };
+        refined.renew(matrix.values());
+        refined
     }
 
-    fn frames(&mut self) -> &mut Frames<f32> {
-        &mut self.frames
-    }
-
-    fn frames_ref(&self) -> &Frames<f32> {
-        &self.frames
-    }
-
+    /// Takes the matrix' values.
     fn renew(&mut self, values: &[f64]) {
         self.matrix.values.copy_from_slice(values);
         // Diagonal entries are among them, and in a positive definite matrix one is the largest entry.
         self.norm = values.iter().fold(0.0, |most, v| v.max(most));
     }
 
-    fn solve(
+    /// Solves for a group of columns; (whether the solution is finite, what to report).
+    fn refine(
         &mut self,
         rhs: Columns<&[f64]>,
         x: &mut Columns<&mut [f64]>,
@@ -145,7 +185,7 @@ impl Method<f32> for Mixed {
             }
             device_ns = device_ns.zip(self.frames.run(own)?).map(|(a, b)| a + b);
             let mut step = Columns::new(&mut self.step[..n * k], n, k);
-            if !self.frames.store(&mut step, own, self.frames.tables.scale / scale)? {
+            if !self.frames.store(&mut step, own, self.frames.core.scale / scale)? {
                 residual = f64::NAN;
                 break;
             }
@@ -163,13 +203,6 @@ impl Method<f32> for Mixed {
         Ok((residual.is_finite(), Solved { iterations: Some(pairs), device_ns, ..Solved::default() }))
     }
 
-    fn extra_bytes(&self) -> (u64, u64) {
-        let matrix = self.matrix.bytes();
-        (matrix + 24 * self.residual.len() as u64, matrix)
-    }
-}
-
-impl Mixed {
     /// solution += step (or := the first one), residual := rhs - A solution. Returns their largest absolute values: (step,
     /// solution, residual).
     fn advance(&mut self, rhs: Columns<&[f64]>, group: Group, first: bool) -> (f64, f64, f64) {

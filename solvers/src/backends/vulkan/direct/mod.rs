@@ -8,43 +8,45 @@
 //! Ordering, analysis and numeric factorisation are `framechol`'s; layout and sweeps are described in `tiles` and
 //! `blocks`, figures in the README of this folder.
 mod blocks;
+mod core;
 mod coupling;
 mod fragments;
 mod frames;
+mod handle;
 mod harmonic;
 mod mixed;
 mod number;
+mod refined;
 mod tables;
 #[cfg(test)]
 mod tests;
 mod tiles;
 mod transfer;
 
-use crate::backend::{
-    Backend, Description, Factor, Footprint, Harmonic, Phase, PrepareOptions, Solved, TransferFrame,
-};
+use crate::backend::{Backend, Description, Factor, Harmonic, Phase, PrepareOptions, TransferFrame};
 use crate::backends::framechol::constraints::extend_order;
-use crate::backends::framechol::engine::groups;
-use crate::backends::framechol::gather::Group;
 use crate::backends::framechol::supernodes::Supernodes;
 use crate::backends::framechol::symbolic::Symbolic;
-use crate::backends::framechol::{first_bad_row, thread_pool};
+use crate::backends::framechol::thread_pool;
 use crate::backends::vulkan::device::{Device, Settings};
-use crate::columns::Columns;
+use crate::backends::vulkan::error::DeviceError;
 use crate::dirichlet::{Dirichlet, ReducedHarmonic};
-use crate::error::{PrepareError, SolveError, Unavailable};
+use crate::error::{PrepareError, Unavailable};
 use crate::ordering::{self, Graph};
 use crate::registry::OpenOptions;
 use crate::sparse::{SymmetricCsr, inverse_permutation};
 use crate::system::System;
 use crate::team::Team;
 use crate::workload::transfer::TransferProblem;
+use core::Core;
 use coupling::Coupling;
 use fragments::Fragmentation;
 use frames::Frames;
+use handle::Handle;
 use harmonic::Field;
-use mixed::Mixed;
+use mixed::HostRefined;
 use number::{Kernels, Number};
+use refined::Refined;
 use std::marker::PhantomData;
 use std::sync::{Arc, Mutex};
 use tables::{PLANE, Places, Tables};
@@ -60,40 +62,78 @@ pub fn open_f32(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailab
     Ok(Box::new(Direct::<f32, Single<f32>>::open(options, &Settings::default())?))
 }
 
-/// Opens `vulkan-direct-mixed`: stored and swept in f32 on the device, refined with residuals in f64 on the CPU.
+/// Opens `vulkan-direct-mixed`: stored and swept in f32, refined with residuals in f64; those are the CPU's where the device has
+/// no f64 or is the CPU.
 pub fn open_mixed(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
     Ok(Box::new(Direct::<f32, Mixed>::open(options, &Settings::default())?))
 }
 
 /// A way to solve with a factor in T on the device.
-trait Method<T: Number>: Send + Sized + 'static {
-    /// From the frames of a factor that is in place, and the matrix with its values.
-    fn new(frames: Frames<T>, matrix: &SymmetricCsr, values: &[f64], max_columns: usize) -> Self;
+trait Method<T: Number>: Send + Sync + 'static {
+    /// All of a solve on the device.
+    type Core: Core<Inner = T>;
 
-    /// The frames.
-    fn frames(&mut self) -> &mut Frames<T>;
+    /// Whether `device` can do all of a solve.
+    fn fits(device: &Device) -> bool;
 
-    /// The frames, to look at.
-    fn frames_ref(&self) -> &Frames<T>;
+    /// From a factor that is in place, and its matrix.
+    fn core(
+        tables: Tables<T>,
+        matrix: &SymmetricCsr,
+        places: &Places<'_>,
+        planes: usize,
+    ) -> Result<Self::Core, DeviceError>;
 
-    /// The factor was made anew from these values.
-    fn renew(&mut self, values: &[f64]);
+    /// The handle where the host has to help.
+    fn with_host(frames: Frames<Tables<T>>, matrix: &SymmetricCsr, ordering: &'static str)
+    -> Box<dyn Factor>;
+}
 
-    /// Solves for a group of columns; (whether the solution is finite, what to report).
-    fn solve(
-        &mut self,
-        rhs: Columns<&[f64]>,
-        x: &mut Columns<&mut [f64]>,
-        group: Group,
-    ) -> Result<(bool, Solved), SolveError>;
+/// One sweep pair in the factor's own numbers.
+struct Single<T>(PhantomData<fn() -> T>);
 
-    /// Bytes that this holds on the host beside the frames, and bytes of matrix read per solve.
-    fn extra_bytes(&self) -> (u64, u64);
+impl<T: Number> Method<T> for Single<T> {
+    type Core = Tables<T>;
 
-    /// Whether one sweep pair in the factor's own numbers is all of a solve, so that more than it can be put on the device.
-    const PLAIN: bool;
-    /// Sweep pairs that a usual solve takes.
-    const PAIRS: u64;
+    fn fits(_: &Device) -> bool {
+        true
+    }
+
+    fn core(tables: Tables<T>, _: &SymmetricCsr, _: &Places<'_>, _: usize) -> Result<Tables<T>, DeviceError> {
+        Ok(tables)
+    }
+
+    fn with_host(frames: Frames<Tables<T>>, _: &SymmetricCsr, ordering: &'static str) -> Box<dyn Factor> {
+        Box::new(Handle::new(frames, ordering))
+    }
+}
+
+/// Sweeps in f32, refined with residuals in f64.
+struct Mixed;
+
+impl Method<f32> for Mixed {
+    type Core = Refined;
+
+    fn fits(device: &Device) -> bool {
+        Refined::fits(device)
+    }
+
+    fn core(
+        tables: Tables<f32>,
+        matrix: &SymmetricCsr,
+        places: &Places<'_>,
+        planes: usize,
+    ) -> Result<Refined, DeviceError> {
+        Refined::new(tables, matrix, places, planes)
+    }
+
+    fn with_host(
+        frames: Frames<Tables<f32>>,
+        matrix: &SymmetricCsr,
+        ordering: &'static str,
+    ) -> Box<dyn Factor> {
+        Box::new(HostRefined::new(frames, matrix, ordering))
+    }
 }
 
 /// The backend.
@@ -163,14 +203,17 @@ impl<T: Number, M: Method<T>> Direct<T, M> {
         system: &System,
         options: &PrepareOptions<'_>,
         on: &mut dyn FnMut(Phase),
-    ) -> Result<(Tables<T>, Coupling<T>, &'static str), PrepareError> {
+    ) -> Result<(M::Core, Coupling<<M::Core as Core>::Outer>, &'static str), PrepareError> {
         let (free, active) = (problem.free(), problem.active_rows());
         let of = |row: u32| free[row as usize];
-        let places = Places { n: problem.laplacian().n(), of: &of, active: Some(&active) };
+        // The residual of a later pair is not zero anywhere.
+        let active = (M::Core::MOST == 1).then_some(&active[..]);
+        let places = Places { n: problem.laplacian().n(), of: &of, active };
         let (tables, ordering) = self.factorise(system.matrix(), options, &places, on)?;
         let mut coupling = Coupling::new(&self.device, problem)?;
         coupling.update(problem.laplacian().values(), tables.scale)?;
-        Ok((tables, coupling, ordering))
+        let core = M::core(tables, system.matrix(), &places, frames::planes(options.max_columns))?;
+        Ok((core, coupling, ordering))
     }
 
     /// The factor of a matrix on the device, and the name of the ordering.
@@ -202,11 +245,15 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Factor>, PrepareError> {
         let matrix = system.matrix();
-        let (tables, ordering) = self.factorise(matrix, options, &Places::all(matrix.n()), on)?;
+        let (places, columns) = (Places::all(matrix.n()), options.max_columns);
+        let (tables, ordering) = self.factorise(matrix, options, &places, on)?;
         on(Phase::Upload);
-        let frames = Frames::new(tables, self.team()?, None, options.max_columns)?;
-        let method = M::new(frames, matrix, matrix.values(), options.max_columns);
-        Ok(Box::new(Handle { method, ordering, number: PhantomData::<fn() -> T> }))
+        if !M::fits(&self.device) {
+            let frames = Frames::new(tables, self.team()?, None, columns)?;
+            return Ok(M::with_host(frames, matrix, ordering));
+        }
+        let core = M::core(tables, matrix, &places, frames::planes(columns))?;
+        Ok(Box::new(Handle::new(Frames::new(core, self.team()?, None, columns)?, ordering)))
     }
 
     fn prepare_harmonic(
@@ -216,11 +263,11 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
         on: &mut dyn FnMut(Phase),
     ) -> Result<Box<dyn Harmonic>, PrepareError> {
         match problem.system() {
-            Some(system) if M::PLAIN => {
-                let (tables, coupling, ordering) = self.field(problem, system, options, on)?;
+            Some(system) if M::fits(&self.device) => {
+                let (core, coupling, ordering) = self.field(problem, system, options, on)?;
                 on(Phase::Upload);
                 let constraints = (coupling, problem.fixed().len());
-                let frames = Frames::new(tables, self.team()?, Some(constraints), options.max_columns)?;
+                let frames = Frames::new(core, self.team()?, Some(constraints), options.max_columns)?;
                 Ok(Box::new(Field::new(problem, frames, ordering)))
             }
             system => {
@@ -244,7 +291,8 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
         let (Some(whole), Some(system)) = (grounded.system(), problem.harmonic().system()) else {
             return Ok(None);
         };
-        if !M::PLAIN || Fragmentation::<T>::largest(problem) > self.device.traits().range {
+        let largest = Fragmentation::<<M::Core as Core>::Outer>::largest(problem);
+        if !M::fits(&self.device) || largest > self.device.traits().range {
             return Ok(None);
         }
         let options = PrepareOptions { max_columns: PLANE, order: None };
@@ -253,100 +301,12 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
         let (space, ordering) = self.factorise(whole.matrix(), &options, &places, on)?;
         // One order serves both: the field lacks a few rows, and has those that were grounded.
         let order = problem.harmonic().restrict_order(&extend_order(&grounded, &space.symbolic().order));
+        let space = M::core(space, whole.matrix(), &places, 1)?;
         let options = PrepareOptions { order: Some(&order), ..options };
         let (field, coupling, _) = self.field(problem.harmonic(), system, &options, on)?;
         on(Phase::Upload);
         let fragments = Fragmentation::new(&self.device, problem)?;
         let parts = Parts { field, space, coupling, fragments };
         Ok(Some(Box::new(DeviceFrames::new(problem, parts, self.team()?, ordering)?)))
-    }
-}
-
-/// A factored system.
-struct Handle<T, M> {
-    method: M,
-    ordering: &'static str,
-    number: PhantomData<fn() -> T>,
-}
-
-impl<T: Number, M: Method<T>> Factor for Handle<T, M> {
-    fn solve(&mut self, rhs: Columns<&[f64]>, mut x: Columns<&mut [f64]>) -> Result<Solved, SolveError> {
-        let frames = self.method.frames();
-        let (n, k) = (frames.tables.symbolic().order.len(), rhs.k());
-        assert_eq!((rhs.n(), x.n(), x.k()), (n, n, k), "rhs, x: both must be n x k");
-        let mut all = Solved { device_ns: Some(0), ..Solved::default() };
-        for group in groups(k, frames.widest()) {
-            let (finite, solved) = self.method.solve(rhs, &mut x, group)?;
-            if !finite {
-                return Err(SolveError::NonFinite { row: first_bad_row(rhs, x.view()) });
-            }
-            all.iterations = all.iterations.max(solved.iterations);
-            all.device_ns = all.device_ns.zip(solved.device_ns).map(|(a, b)| a + b);
-        }
-        Ok(all)
-    }
-
-    fn update_values(&mut self, values: &[f64], on: &mut dyn FnMut(Phase)) -> Result<(), PrepareError> {
-        on(Phase::Numeric);
-        self.method.frames().tables.factorise(values)?;
-        self.method.renew(values);
-        Ok(())
-    }
-
-    fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
-        Ok(self.method.frames_ref().device_phases()?)
-    }
-
-    fn permutation(&self) -> Option<&[u32]> {
-        Some(&self.method.frames_ref().tables.symbolic().order)
-    }
-
-    fn footprint(&self) -> Footprint {
-        let of_one = self.method.frames_ref().footprint(self.ordering);
-        let (host, matrix) = self.method.extra_bytes();
-        Footprint {
-            host_bytes: of_one.host_bytes.map(|bytes| bytes + host),
-            bytes_per_solve: of_one.bytes_per_solve.map(|bytes| M::PAIRS * (bytes + matrix)),
-            dispatches: of_one.dispatches.map(|count| M::PAIRS * count),
-            ..of_one
-        }
-    }
-}
-
-/// One sweep pair in the factor's own numbers.
-struct Single<T: Number> {
-    frames: Frames<T>,
-}
-
-impl<T: Number> Method<T> for Single<T> {
-    const PLAIN: bool = true;
-    const PAIRS: u64 = 1;
-
-    fn new(frames: Frames<T>, _: &SymmetricCsr, _: &[f64], _: usize) -> Self {
-        Self { frames }
-    }
-
-    fn frames(&mut self) -> &mut Frames<T> {
-        &mut self.frames
-    }
-
-    fn frames_ref(&self) -> &Frames<T> {
-        &self.frames
-    }
-
-    fn renew(&mut self, _: &[f64]) {}
-
-    fn solve(
-        &mut self,
-        rhs: Columns<&[f64]>,
-        x: &mut Columns<&mut [f64]>,
-        group: Group,
-    ) -> Result<(bool, Solved), SolveError> {
-        let (finite, device_ns) = self.frames.solve(rhs, x, group)?;
-        Ok((finite, Solved { device_ns, ..Solved::default() }))
-    }
-
-    fn extra_bytes(&self) -> (u64, u64) {
-        (0, 0)
     }
 }

@@ -1,10 +1,13 @@
 //! Solves on the device against the matrix itself, with every way of reading, staged and not, cut and whole.
 mod harmonic;
+mod refined;
 mod transfer;
 
 use super::*;
 use crate::backends::vulkan::device::Access;
 use crate::backends::vulkan::tests::{again, skip};
+use crate::columns::Columns;
+use crate::error::SolveError;
 use crate::limits::Limits;
 use crate::registry::{Accuracy, Precision};
 use crate::residual::Residual;

@@ -7,6 +7,7 @@
 //! ```text
 //! g, rotations -> couple -> field factor -> normalise -> turn -> divergence -> space factor -> positions
 //! ```
+use super::core::Core;
 use super::coupling::Coupling;
 use super::fragments::Fragmentation;
 use super::number::{GROUP, Number};
@@ -18,6 +19,7 @@ use crate::backends::vulkan::kernel::Kernel;
 use crate::backends::vulkan::plan::Plan;
 use crate::backends::vulkan::recorded::Recorded;
 use crate::error::SolveError;
+use crate::isa::Real;
 use crate::team::Team;
 use crate::vector::Vector;
 use crate::workload::transfer::TransferProblem;
@@ -30,21 +32,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const SPACE: usize = 3;
 
 /// Both factors and what lies between them.
-pub struct Parts<T: Number> {
+pub struct Parts<C: Core> {
     /// L_FF of step 2, and L of step 5 grounded; a row per vertex in both.
-    pub field: Tables<T>,
-    pub space: Tables<T>,
+    pub field: C,
+    pub space: C,
     /// L_FC of step 2.
-    pub coupling: Coupling<T>,
+    pub coupling: Coupling<C::Outer>,
     /// Steps 2 to 4.
-    pub fragments: Fragmentation<T>,
+    pub fragments: Fragmentation<C::Outer>,
 }
 
 /// Prepared frames.
-pub struct DeviceFrames<T: Number> {
+pub struct DeviceFrames<C: Core> {
     problem: TransferProblem,
-    steps: Steps<T>,
-    recorded: Recorded,
+    steps: Steps<C>,
+    /// A usual frame, and frames with more and more sweep pairs for both factors.
+    recorded: Vec<Recorded>,
     clear: Recorded,
     team: Team,
     posing: Posing,
@@ -57,10 +60,10 @@ pub struct DeviceFrames<T: Number> {
 }
 
 /// All that lies on the device.
-struct Steps<T: Number> {
-    parts: Parts<T>,
+struct Steps<C: Core> {
+    parts: Parts<C>,
     /// Values at the constraints, then the rotations of the marks.
-    input: Input<[T; PLANE]>,
+    input: Input<[C::Outer; PLANE]>,
     constraints: u32,
     /// Vertices of the constraints, and anchors of detached pieces.
     fixed: Arc<Buffer>,
@@ -70,25 +73,27 @@ struct Steps<T: Number> {
     field: [Arc<Buffer>; 2],
     space: [Arc<Buffer>; 2],
     /// Quaternions at the anchors.
-    turned: Output<[T; PLANE]>,
+    turned: Output<[C::Outer; PLANE]>,
     /// Positions packed, where the host does not see the device's.
     packed: Option<(Arc<Buffer>, Arc<Kernel>)>,
     place: Arc<Kernel>,
     pick: Arc<Kernel>,
 }
 
-impl<T: Number> Steps<T> {
-    fn new(problem: &TransferProblem, parts: Parts<T>) -> Result<Self, DeviceError> {
-        let device = Arc::clone(parts.field.device());
+impl<C: Core> Steps<C> {
+    fn new(problem: &TransferProblem, parts: Parts<C>) -> Result<Self, DeviceError> {
+        let device = Arc::clone(parts.field.tables().device());
         let n = problem.target().positions().len();
-        let vector = || Buffer::new(&device, Place::Device, ((n + 1) * PLANE * size_of::<T>()) as u64);
+        let buffer =
+            |place, numbers: usize| Buffer::new(&device, place, (numbers * size_of::<C::Outer>()) as u64);
+        let vector = || buffer(Place::Device, (n + 1) * PLANE);
         let (fixed, marks) = (problem.harmonic().fixed(), problem.marks().all().len());
         let anchors: Vec<u32> = problem.pieces().detached().iter().map(|piece| piece.anchor).collect();
         let packed = if device.is_unified() {
             None
         } else {
-            let packed = Buffer::new(&device, Place::Readback, (n * SPACE * size_of::<T>()) as u64)?;
-            Some((packed, Kernel::new(&device, &T::PACKING, &[GROUP, 1])?))
+            let packed = buffer(Place::Readback, n * SPACE)?;
+            Some((packed, Kernel::new(&device, &C::Outer::PACKING, &[GROUP, 1])?))
         };
         Ok(Self {
             input: Input::new(&device, fixed.len() + marks)?,
@@ -100,30 +105,30 @@ impl<T: Number> Steps<T> {
             field: [vector()?, vector()?],
             space: [vector()?, vector()?],
             packed,
-            place: Kernel::new(&device, &T::SCATTER, &[GROUP, 0])?,
-            pick: Kernel::new(&device, &T::SCATTER, &[GROUP, 1])?,
+            place: Kernel::new(&device, &C::Outer::SCATTER, &[GROUP, 0])?,
+            pick: Kernel::new(&device, &C::Outer::SCATTER, &[GROUP, 1])?,
             parts,
         })
     }
 
-    /// Lists the steps of a frame.
-    fn list(&self, plan: &mut Plan) {
+    /// Lists the steps of a frame with so many sweep pairs for each factor.
+    fn list(&self, plan: &mut Plan, pairs: u32) {
         let Parts { field, space, coupling, fragments } = &self.parts;
         self.input.upload(plan);
         plan.barrier();
+        coupling.list(plan, self.input.buffer(), &self.field[0], 1);
+        field.list(plan, &self.field[0], &self.field[1], 1, 0..pairs);
         let slots = [&self.fixed, self.input.buffer(), &self.field[1]];
         let groups = self.constraints.div_ceil(GROUP);
         plan.dispatch(&self.place, &slots.map(Buffer::all), &[self.constraints], groups);
-        coupling.list(plan, self.input.buffer(), &self.field[0], 1);
-        field.sweep(plan, &self.field[0], &self.field[1], 1);
         fragments.list(plan, &self.field[1], (&self.input, self.constraints), &self.space[0]);
         let slots = [&self.anchors, &fragments.quaternions, self.turned.buffer()];
         plan.dispatch(&self.pick, &slots.map(Buffer::all), &[self.pieces], self.pieces.div_ceil(GROUP));
-        space.sweep(plan, &self.space[0], &self.space[1], 1);
+        space.list(plan, &self.space[0], &self.space[1], 1, 0..pairs);
         self.turned.download(plan);
         fragments.replaced.download(plan);
         if let Some((packed, kernel)) = &self.packed {
-            let push = [(space.rows() * SPACE) as u32, SPACE as u32, PLANE as u32];
+            let push = [(space.tables().rows() * SPACE) as u32, SPACE as u32, PLANE as u32];
             let slots = [&self.space[1], packed];
             plan.dispatch(kernel, &slots.map(Buffer::all), &push, push[0].div_ceil(GROUP));
             plan.phase(|| "download".into());
@@ -132,13 +137,13 @@ impl<T: Number> Steps<T> {
 
     /// Lists zeros in all vectors.
     fn clear(&self, plan: &mut Plan) {
-        self.parts.field.clear(plan);
-        self.parts.space.clear(plan);
+        Core::clear(&self.parts.field, plan);
+        Core::clear(&self.parts.space, plan);
         self.field.iter().chain(&self.space).for_each(|buffer| plan.clear(buffer));
     }
 
     /// The solution of step 5 as the host has it, and its numbers per row.
-    fn solved(&self) -> (&[T], usize) {
+    fn solved(&self) -> (&[C::Outer], usize) {
         let (seen, width) =
             self.packed.as_ref().map_or((&self.space[1], PLANE), |(packed, _)| (packed, SPACE));
         // SAFETY: frames are waited for, nobody else knows the buffer, and the host only reads it.
@@ -147,34 +152,38 @@ impl<T: Number> Steps<T> {
 
     /// What turns that into positions.
     fn unit(&self) -> f64 {
-        self.parts.space.scale / self.parts.fragments.scale
+        self.parts.space.tables().scale / self.parts.fragments.scale
     }
 }
 
-impl<T: Number> DeviceFrames<T> {
+impl<C: Core> DeviceFrames<C> {
     /// Records frames and runs one: drivers compile kernels when they first run.
     ///
     /// # Errors
     /// Where memory does not suffice or the device fails.
     pub fn new(
         problem: &TransferProblem,
-        parts: Parts<T>,
+        parts: Parts<C>,
         team: Team,
         ordering: &'static str,
     ) -> Result<Self, DeviceError> {
         let steps = Steps::new(problem, parts)?;
-        let device = Arc::clone(steps.parts.field.device());
+        let device = Arc::clone(steps.parts.field.tables().device());
         let mut plan = Plan::new(&device);
         steps.clear(&mut plan);
         let mut clear = plan.record()?;
         clear.run()?;
-        let mut plan = Plan::new(&device);
-        plan.mark();
-        steps.list(&mut plan);
-        plan.mark();
-        let dispatches = plan.dispatches() as u64;
-        let mut recorded = plan.record()?;
-        recorded.run()?;
+        let (mut recorded, mut dispatches) = (Vec::new(), 0);
+        for pairs in (C::PAIRS..=C::MOST).rev() {
+            let mut plan = Plan::new(&device);
+            plan.mark();
+            steps.list(&mut plan, pairs);
+            plan.mark();
+            dispatches = plan.dispatches() as u64;
+            recorded.push(plan.record()?);
+        }
+        recorded.reverse();
+        recorded[0].run()?;
         Ok(Self {
             problem: problem.clone(),
             steps,
@@ -195,7 +204,7 @@ impl<T: Number> DeviceFrames<T> {
         let rotations = self.posing.poses.iter().map(|pose| pose.rotation);
         let rows = self.posing.values.as_chunks::<PLANE>().0.iter().copied().chain(rotations);
         for (to, row) in self.steps.input.host().iter_mut().zip(rows) {
-            *to = row.map(T::from_f64);
+            *to = row.map(C::Outer::from_f64);
         }
     }
 
@@ -203,7 +212,7 @@ impl<T: Number> DeviceFrames<T> {
     fn place(&mut self, target: &mut [Vector]) -> bool {
         let Self { problem, steps, placement, posing, team, .. } = self;
         let ((solved, width), unit) = (steps.solved(), steps.unit());
-        let row = |row: &[T]| -> Vector { [0, 1, 2].map(|c| row[c].to_f64() * unit) };
+        let row = |row: &[C::Outer]| -> Vector { [0, 1, 2].map(|c| row[c].to_f64() * unit) };
         placement.update(problem, &posing.poses, |v| row(&solved[v * width..(v + 1) * width]));
         let (placement, finite) = (&*placement, AtomicBool::new(true));
         team.for_each_run(target, 1, |vertices, target| {
@@ -215,31 +224,41 @@ impl<T: Number> DeviceFrames<T> {
             }
         });
         let turned = steps.turned.host();
-        Placement::follow(problem, |piece| turned[piece].map(T::to_f64), target);
+        Placement::follow(problem, |piece| turned[piece].map(C::Outer::to_f64), target);
         finite.into_inner()
     }
 }
 
-impl<T: Number> TransferFrame for DeviceFrames<T> {
+impl<C: Core> TransferFrame for DeviceFrames<C> {
     fn frame(&mut self, template: &[Vector], target: &mut [Vector]) -> Result<Solved, SolveError> {
         assert_eq!(target.len(), self.problem.target().positions().len(), "target: one position per vertex");
         let replaced = self.posing.pose(self.problem.marks(), &mut self.team, template)?;
         self.load();
-        self.recorded.run()?;
+        let (mut device_ns, mut pairs) = (Some(0), C::PAIRS);
+        for recorded in &mut self.recorded {
+            recorded.run()?;
+            device_ns = device_ns.zip(recorded.device_ns()).map(|(a, b)| a + b);
+            let Parts { field, space, .. } = &mut self.steps.parts;
+            if field.enough(pairs) & space.enough(pairs) || pairs == C::MOST {
+                break;
+            }
+            pairs += 1;
+        }
         self.replaced = replaced + self.steps.parts.fragments.replaced.host()[0] as usize;
         if !self.place(target) {
             self.clear.run()?;
             let row = target.iter().position(|x| x.iter().any(|x| !x.is_finite())).unwrap_or(0);
             return Err(SolveError::NonFinite { row });
         }
-        Ok(Solved { device_ns: self.recorded.device_ns(), ..Solved::default() })
+        Ok(Solved { iterations: (C::MOST > 1).then_some(pairs), device_ns, ..Solved::default() })
     }
 
     fn trace(&mut self) -> Option<FrameTrace<'_>> {
-        let (device, n) = (self.steps.parts.field.device(), self.problem.target().positions().len());
-        let field = numbers::<T>(read(device, &self.steps.field[1], n).ok()?);
+        let device = self.steps.parts.field.tables().device();
+        let n = self.problem.target().positions().len();
+        let field = numbers::<C::Outer>(read(device, &self.steps.field[1], n).ok()?);
         let scale = 1.0 / self.steps.parts.fragments.scale;
-        let u = numbers::<T>(read(device, &self.steps.space[0], n).ok()?);
+        let u = numbers::<C::Outer>(read(device, &self.steps.space[0], n).ok()?);
         let u = u.chunks_exact(PLANE).flat_map(|row| row[..SPACE].iter().map(|x| x * scale)).collect();
         self.traced = (field, u);
         let (field, rhs) = (&self.traced.0[..], &self.traced.1[..]);
@@ -247,8 +266,8 @@ impl<T: Number> TransferFrame for DeviceFrames<T> {
     }
 
     fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
-        let mut plan = Plan::timed(self.steps.parts.field.device());
-        self.steps.list(&mut plan);
+        let mut plan = Plan::timed(self.steps.parts.field.tables().device());
+        self.steps.list(&mut plan, C::PAIRS);
         let mut recorded = plan.record()?;
         recorded.run()?;
         Ok(recorded.phases())
@@ -256,19 +275,18 @@ impl<T: Number> TransferFrame for DeviceFrames<T> {
 
     fn footprint(&self) -> Footprint {
         let Parts { field, space, coupling, fragments } = &self.steps.parts;
-        let both = [field, space].map(|tables| (tables.factor_bytes(), tables));
-        let sum = |of: &dyn Fn(&Tables<T>) -> u64| Some(both.iter().map(|(_, tables)| of(tables)).sum());
+        let sum = |of: &dyn Fn(&Tables<C::Inner>) -> u64| of(field.tables()) + of(space.tables());
         let factors = sum(&|tables| tables.factor_bytes().0 + tables.factor_bytes().1);
         let vectors = self.steps.field.iter().chain(&self.steps.space).map(|buffer| buffer.bytes());
         let own = vectors.sum::<u64>() + coupling.device_bytes() + fragments.device_bytes();
-        let device = |bytes: u64| bytes + own + field.vector_bytes() + space.vector_bytes();
+        let ((a, read_a), (b, read_b)) = (field.extra_bytes(), space.extra_bytes());
         Footprint {
-            host_bytes: sum(&|tables| tables.host_bytes()),
-            device_bytes: factors.map(device),
-            factor_nonzeros: sum(&|tables| tables.symbolic().nonzeros),
-            factor_bytes: factors,
-            bytes_per_solve: factors,
-            factor_flops: sum(&|tables| tables.symbolic().flops),
+            host_bytes: Some(sum(&|tables| tables.host_bytes())),
+            device_bytes: Some(factors + own + a + b + sum(&|tables| tables.vector_bytes())),
+            factor_nonzeros: Some(sum(&|tables| tables.symbolic().nonzeros)),
+            factor_bytes: Some(factors),
+            bytes_per_solve: Some(u64::from(C::PAIRS) * (factors + read_a + read_b)),
+            factor_flops: Some(sum(&|tables| tables.symbolic().flops)),
             dispatches: Some(self.dispatches),
             ordering: Some(self.ordering),
         }

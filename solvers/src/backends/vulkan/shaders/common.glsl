@@ -3,7 +3,7 @@
 // Compiled with REAL_f32 or REAL_f64 (the kernel's numbers) and READ_texel, READ_storage or READ_shuffle (how it reads what
 // it does not write: through texel buffers or storage buffers, the last with vectors handed round in the subgroup). A declaration such as READ_VECTORS(binding, name) makes a buffer readable as name_at(i):
 // READ_VECTORS four numbers per element, READ_TEXELS as many as fill 16 bytes (PACK), READ_WORDS four 32-bit words,
-// READ_INDICES one.
+// READ_INDICES one, READ_FLOATS (storage buffers only) four f32 whatever the kernel's numbers.
 #extension GL_EXT_control_flow_attributes : require
 
 #ifdef REAL_f64
@@ -66,6 +66,7 @@ dvec2 unpack(uvec4 words) {
 #define READ_WORDS(BINDING, NAME) READ_BUFFER(BINDING, NAME, uvec4)
 #define READ_INDICES(BINDING, NAME) READ_BUFFER(BINDING, NAME, uint)
 #define READ_VECTORS(BINDING, NAME) READ_BUFFER(BINDING, NAME, real4)
+#define READ_FLOATS(BINDING, NAME) READ_BUFFER(BINDING, NAME, vec4)
 #define READ_TEXELS(BINDING, NAME) READ_BUFFER(BINDING, NAME, texel)
 
 #endif

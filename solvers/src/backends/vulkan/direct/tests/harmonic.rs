@@ -1,7 +1,5 @@
 //! Harmonic fields whose constraints meet the factor on the device.
 use super::*;
-use crate::columns::Columns;
-use crate::error::SolveError;
 
 /// Columns of the grid, and vertices in all: its last one is absent.
 const WIDE: u32 = 61;
