@@ -230,7 +230,9 @@ impl<T: Lanes, E: Send> Engine<T, E> {
         let slabs: u64 = self.shares.iter().map(|s| size_of_val(&s.slab[..]) as u64).sum();
         let work: u64 = works().map(Workspace::bytes).sum();
         Footprint {
-            host_bytes: Some(factor + slabs + work + self.symbolic.bytes()),
+            host_bytes: Some(
+                panels().map(Panels::bytes_held).sum::<u64>() + slabs + work + self.symbolic.bytes(),
+            ),
             factor_nonzeros: Some(self.symbolic.nonzeros),
             factor_bytes: Some(factor),
             bytes_per_solve: Some(panels().map(Panels::bytes_per_solve).sum()),

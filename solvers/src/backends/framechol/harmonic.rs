@@ -167,7 +167,9 @@ impl<M: Method> Harmonic for HarmonicField<M> {
 
     fn footprint(&self) -> Footprint {
         let laplacian = self.constraints.laplacian();
-        let own = 12 * laplacian.n() + 20 * laplacian.stored() + 20 * self.coupling.entries.len();
+        // Per vertex four numbers of 4 bytes (row start, component, row, position) and a kind of 1; per stored entry a
+        // column and two values.
+        let own = 17 * laplacian.n() + 20 * laplacian.stored() + 20 * self.coupling.entries.len();
         let (border, read) = (self.border.bytes(), self.border.bytes_per_frame());
         let mut footprint = self.method.footprint();
         footprint.host_bytes = footprint.host_bytes.map(|bytes| bytes + own as u64 + border);

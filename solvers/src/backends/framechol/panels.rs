@@ -104,6 +104,9 @@ impl<T: Real> Panels<T> {
             }
             starts.push(list.len() as u32);
         }
+        list.shrink_to_fit(); // lists that grew hold up to twice what they need
+        rows.shrink_to_fit();
+        starts.shrink_to_fit();
         let (values, diagonal) = (zeros(values), zeros(diagonal));
         Self { list, rows, values, diagonal, starts }
     }
@@ -136,6 +139,11 @@ impl<T: Real> Panels<T> {
             }
         }
         (0..self.list.len() as u32).filter(|&at| reached[at as usize]).collect()
+    }
+
+    /// Bytes that are held: what a sweep reads, and where the supernodes start.
+    pub fn bytes_held(&self) -> u64 {
+        self.bytes() + size_of_val(&self.starts[..]) as u64
     }
 
     /// Bytes of the panels: numbers, row indices and headers.

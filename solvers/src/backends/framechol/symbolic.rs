@@ -52,6 +52,13 @@ pub struct Part {
     pub diagonal: Vec<u32>,
 }
 
+/// `first`, and room for `others` more.
+fn with_first(first: u32, others: usize) -> Vec<u32> {
+    let mut list = Vec::with_capacity(others + 1);
+    list.push(first);
+    list
+}
+
 impl Part {
     /// Number of supernodes.
     pub fn len(&self) -> usize {
@@ -67,7 +74,9 @@ impl Part {
     pub fn bytes(&self) -> u64 {
         let words = self.starts.len() + self.row_starts.len() + self.rows.len() + self.entry_starts.len();
         (4 * (words + self.parent.len() + self.children.len() + self.diagonal.len())
-            + size_of_val(&self.entries[..])) as u64
+            + size_of_val(&self.entries[..])
+            + size_of_val(&self.adopted[..])
+            + self.adopted.iter().map(|children| 8 * children.capacity()).sum::<usize>()) as u64
     }
 
     /// Rows of supernode `s` below its pivots.
@@ -238,13 +247,13 @@ impl Structure<'_> {
             first_position,
             first_local: local(first_position),
             slab: local(numbering.order.len() as u32),
-            starts: vec![local(first_position)],
-            row_starts: vec![0],
+            starts: with_first(local(first_position), own.len()),
+            row_starts: with_first(0, own.len()),
             rows: Vec::with_capacity(own.iter().map(|&s| groups.below[s as usize] as usize).sum()),
             parent: Vec::with_capacity(own.len()),
             children: vec![0; own.len()],
             adopted: if below.is_empty() { Vec::new() } else { vec![Vec::new(); own.len()] },
-            entry_starts: vec![0],
+            entry_starts: with_first(0, own.len()),
             entries: Vec::with_capacity(own.iter().map(|&s| groups.entries[s as usize] as usize).sum()),
             diagonal: Vec::with_capacity((numbering.starts[part + 1] - first_position) as usize),
         };
