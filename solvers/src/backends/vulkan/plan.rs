@@ -22,12 +22,14 @@ pub struct Plan {
     steps: Vec<Step>,
     /// Names of the phases so far, where they are timed.
     phases: Option<Vec<String>>,
+    /// What the names of phases begin with.
+    part: &'static str,
 }
 
 impl Plan {
     /// An empty list.
     pub fn new(device: &Arc<Device>) -> Self {
-        Self { device: Arc::clone(device), steps: Vec::new(), phases: None }
+        Self { device: Arc::clone(device), steps: Vec::new(), phases: None, part: "" }
     }
 
     /// An empty list whose phases are timed one by one ([`Recorded::phases`]). That costs time: not for frames.
@@ -37,10 +39,15 @@ impl Plan {
         plan
     }
 
+    /// Names of phases begin with `name` from here on: for plans that do a thing twice.
+    pub fn part(&mut self, name: &'static str) {
+        self.part = name;
+    }
+
     /// The phase `name` ends here: what follows waits for it anyway. Counts only in a [`timed`](Self::timed) plan.
     pub fn phase(&mut self, name: impl FnOnce() -> String) {
         if let Some(phases) = &mut self.phases {
-            phases.push(name());
+            phases.push(format!("{}{}", self.part, name()));
             self.mark();
         }
     }

@@ -116,14 +116,17 @@ impl<C: Core> Steps<C> {
         let Parts { field, space, coupling, fragments } = &self.parts;
         self.input.upload(plan);
         plan.barrier();
+        plan.part("field ");
         coupling.list(plan, self.input.buffer(), &self.field[0], 1);
         field.list(plan, &self.field[0], &self.field[1], 1, 0..pairs);
         let slots = [&self.fixed, self.input.buffer(), &self.field[1]];
         let groups = self.constraints.div_ceil(GROUP);
         plan.dispatch(&self.place, &slots.map(Buffer::all), &[self.constraints], groups);
+        plan.part("");
         fragments.list(plan, &self.field[1], (&self.input, self.constraints), &self.space[0]);
         let slots = [&self.anchors, &fragments.quaternions, self.turned.buffer()];
         plan.dispatch(&self.pick, &slots.map(Buffer::all), &[self.pieces], self.pieces.div_ceil(GROUP));
+        plan.part("space ");
         space.list(plan, &self.space[0], &self.space[1], 1, 0..pairs);
         self.turned.download(plan);
         fragments.replaced.download(plan);
@@ -131,6 +134,7 @@ impl<C: Core> Steps<C> {
             let push = [(space.tables().rows() * SPACE) as u32, SPACE as u32, PLANE as u32];
             let slots = [&self.space[1], packed];
             plan.dispatch(kernel, &slots.map(Buffer::all), &push, push[0].div_ceil(GROUP));
+            plan.part("");
             plan.phase(|| "download".into());
         }
     }
