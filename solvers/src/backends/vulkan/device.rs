@@ -185,6 +185,12 @@ impl Device {
         self.access
     }
 
+    /// Whether kernels run on a processor of their own and not on the host's: it decides who does what either can do, for a
+    /// software device does nothing as well as the host's own code. Those read texel buffers.
+    pub fn is_apart(&self) -> bool {
+        self.access == Access::Storage
+    }
+
     /// Whether host and device share memory, so that nothing is copied.
     pub fn is_unified(&self) -> bool {
         self.unified

@@ -277,8 +277,8 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
         }
     }
 
-    /// Frames whose tables the device's kernels cannot see whole, and those of a mesh without a free vertex, are put
-    /// together on the CPU.
+    /// Frames of a software device, those whose tables the device's kernels cannot see whole, and those of a mesh without a
+    /// free vertex are put together on the CPU.
     fn prepare_transfer(
         &self,
         problem: &TransferProblem,
@@ -292,7 +292,7 @@ impl<T: Number, M: Method<T>> Backend for Direct<T, M> {
             return Ok(None);
         };
         let largest = Fragmentation::<<M::Core as Core>::Outer>::largest(problem);
-        if !M::fits(&self.device) || largest > self.device.traits().range {
+        if !self.device.is_apart() || !M::fits(&self.device) || largest > self.device.traits().range {
             return Ok(None);
         }
         let options = PrepareOptions { max_columns: PLANE, order: None };

@@ -68,16 +68,10 @@ macro_rules! number {
             const PACKING: Shader = storage_shader!("pack", $name, &[Storage, Storage], 3);
             const COUPLE: Shader =
                 shader!("couple", $name, &[Indices, Indices, Indices, $values, $values, Storage], 1);
-            const SCATTER: Shader = shader!("scatter", $name, &[Indices, $values, Storage], 1);
-            const NORMALISE: Shader = shader!(
-                "normalise",
-                $name,
-                &[$values, Indices, $values, $values, $values, Storage, Storage],
-                3
-            );
-            const TURN: Shader = shader!("turn", $name, &[Words, $values, Storage], 1);
-            const DIVERGENCE: Shader =
-                shader!("divergence", $name, &[Indices, Indices, $values, $values, Storage], 1);
+            const SCATTER: Shader = storage_shader!("scatter", $name, &[Storage; 3], 1);
+            const NORMALISE: Shader = storage_shader!("normalise", $name, &[Storage; 7], 3);
+            const TURN: Shader = storage_shader!("turn", $name, &[Storage; 3], 1);
+            const DIVERGENCE: Shader = storage_shader!("divergence", $name, &[Storage; 5], 1);
             const ASSEMBLE: Shader =
                 shader!("assemble", $name, &[Indices, $values, Indices, Indices, $values, Storage], 3);
             const FORWARD: [Shader; 2] = shader_pair!(

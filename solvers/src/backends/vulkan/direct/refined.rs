@@ -6,7 +6,7 @@ use super::mixed::{ENOUGH, MOST_PAIRS, SMALL};
 use super::number::GROUP;
 use super::tables::{PLANE, Places, Tables};
 use crate::backends::vulkan::buffer::{Buffer, Output, Place, Upload, constant};
-use crate::backends::vulkan::device::{Access, Device};
+use crate::backends::vulkan::device::Device;
 use crate::backends::vulkan::error::DeviceError;
 use crate::backends::vulkan::kernel::Kernel;
 use crate::backends::vulkan::plan::Plan;
@@ -102,9 +102,9 @@ impl Refined {
         upload.finish()
     }
 
-    /// Whether `device` has f64 and a processor of its own: a software device would do the host's work, and slower.
+    /// Whether `device` can, and would do better than the host.
     pub fn fits(device: &Device) -> bool {
-        device.traits().f64 && device.access() == Access::Storage
+        device.traits().f64 && device.is_apart()
     }
 }
 

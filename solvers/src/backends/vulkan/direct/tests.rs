@@ -62,6 +62,11 @@ fn all_settings() -> impl Iterator<Item = Settings> {
     )
 }
 
+/// Those of a GPU, which does all that it can.
+fn apart() -> impl Iterator<Item = Settings> {
+    all_settings().filter(|settings| settings.access == Some(Access::Storage))
+}
+
 #[test]
 fn every_precision_solves_odd_sizes_with_one_to_eleven_columns() {
     let system = grid(61, 47, 1e-3);
@@ -282,7 +287,7 @@ fn prints_the_bits_of_a_solution() {
         let (b, mut x) = (wave(5 * n), vec![0.0; 5 * n]);
         factor.solve(Columns::new(&b, n, 5), Columns::new(&mut x[..], n, 5)).expect("finite");
         sum = x.iter().fold(sum, |sum, v| sum.rotate_left(1) ^ v.to_bits());
-        let target = transfer::frame(&backend);
+        let target = if backend.device.is_apart() { transfer::frame(&backend) } else { Vec::new() };
         sum = target.as_flattened().iter().fold(sum, |sum, v| sum.rotate_left(1) ^ v.to_bits());
     }
     println!("bits {sum:x}");

@@ -1,5 +1,5 @@
 #version 460
-// variants: f32.texel f32.storage f64.texel f64.storage
+// variants: f32.storage f64.storage
 // Differential coordinates of the fragments, an invocation per vertex: U = sum over its corners of R c, c their weighted edges,
 // R c = c + w (u x c) + u x (u x c) with the turn (w, u) of the corner's triangle. Per vertex 8 bytes of indices and a vector
 // written; per corner an index, two vectors and 30 flops.

@@ -1,5 +1,5 @@
 #version 460
-// variants: f32.texel f32.storage f64.texel f64.storage
+// variants: f32.storage f64.storage
 // Unit quaternions (w, x, y, z) from a field, an invocation per vertex. Where the field vanishes the vertex takes the
 // rotation of the mark whose centroid is nearest, the first of equally near ones, and is counted; a vertex of no triangle gets
 // zero. Reads and writes one vector; where the field vanishes, two per mark and two indices besides.

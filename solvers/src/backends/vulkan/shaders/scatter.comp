@@ -1,5 +1,5 @@
 #version 460
-// variants: f32.texel f32.storage f64.texel f64.storage
+// variants: f32.storage f64.storage
 // Rows of four columns to their places, to[index[i]] = from[i], or from them, to[i] = from[index[i]]. Per row an index, one vector
 // read and one written.
 #extension GL_GOOGLE_include_directive : require

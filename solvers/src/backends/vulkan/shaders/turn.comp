@@ -1,5 +1,5 @@
 #version 460
-// variants: f32.texel f32.storage f64.texel f64.storage
+// variants: f32.storage f64.storage
 // The rotation of a triangle: the mean of the unit quaternions of its vertices, sqrt(2) times a unit quaternion; the first one
 // where they cancel. Per triangle 16 bytes of indices, three vectors read and one written, 25 flops.
 #extension GL_GOOGLE_include_directive : require

@@ -3,15 +3,10 @@ use super::*;
 use crate::backends::vulkan::buffer::{constant, read};
 use crate::backends::vulkan::plan::Plan;
 
-/// Settings under which the device refines; those of devices without f64 come to nothing.
-fn on_the_device() -> impl Iterator<Item = Settings> {
-    all_settings().filter(|settings| settings.access == Some(Access::Storage))
-}
-
 /// What a pair leaves: a solution, its residual in f32, and four norms.
 #[test]
 fn a_pair_leaves_its_norms() {
-    for settings in on_the_device() {
+    for settings in apart() {
         let Some(backend) = opened::<f32, Mixed>(&settings) else { return };
         if !Refined::fits(&backend.device) {
             return skip("no f64");
@@ -55,7 +50,7 @@ fn a_pair_leaves_its_norms() {
 /// As many pairs as the host takes, give or take one, and two where these suffice.
 #[test]
 fn as_many_pairs_as_on_the_host() {
-    for settings in on_the_device() {
+    for settings in apart() {
         let hosted = Settings { without_f64: true, ..settings };
         let Some(backends) =
             [&settings, &hosted].map(opened::<f32, Mixed>).into_iter().collect::<Option<Vec<_>>>()
@@ -87,7 +82,7 @@ fn as_many_pairs_as_on_the_host() {
 
 #[test]
 fn zeros_and_bad_numbers_end_refinement_and_leave_nothing_behind() {
-    for settings in on_the_device() {
+    for settings in apart() {
         let Some(backend) = opened::<f32, Mixed>(&settings) else { return };
         let (system, n) = (grid(31, 17, 1e-3), 527);
         let mut factor =
@@ -121,7 +116,7 @@ fn zeros_and_bad_numbers_end_refinement_and_leave_nothing_behind() {
 
 #[test]
 fn new_values_reach_the_residual() {
-    for settings in on_the_device() {
+    for settings in apart() {
         let Some(backend) = opened::<f32, Mixed>(&settings) else { return };
         let system = grid(31, 17, 1e-3);
         let n = system.n();
@@ -138,7 +133,7 @@ fn new_values_reach_the_residual() {
 
 #[test]
 fn failures_release_everything() {
-    for settings in on_the_device() {
+    for settings in apart() {
         let Some(backend) = opened::<f32, Mixed>(&settings) else { return };
         let mut failed = 0;
         for allowed in 0..40 {
