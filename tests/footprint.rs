@@ -4,9 +4,9 @@ use lapbench::engine::allocation::{CountingAllocator, held, is_counting};
 use lapsolve::backend::{Footprint, PrepareOptions};
 use lapsolve::dirichlet::Dirichlet;
 use lapsolve::laplacian::{Laplacian, Weights};
-use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{BACKENDS, OpenOptions};
 use lapsolve::system::System;
+use tests::sheet::sheet;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -19,16 +19,6 @@ const TOLERANCE: f64 = 0.003;
 
 /// Rows whose footprint is exact.
 const EXACT: [&str; 3] = ["framechol-f64", "framechol-f32", "framechol-mixed"];
-
-/// A bumpy sheet.
-fn sheet() -> TriangleMesh {
-    let place = |i: u32| (f64::from(i % SIDE), f64::from(i / SIDE));
-    let positions = (0..SIDE * SIDE).map(place).map(|(x, y)| [x, y, (0.3 * x * y).sin()]).collect();
-    let corner = |i: u32| i % (SIDE - 1) + i / (SIDE - 1) * SIDE;
-    let squares = (0..(SIDE - 1) * (SIDE - 1)).map(corner);
-    let triangles = squares.flat_map(|i| [[i, i + 1, i + SIDE], [i + 1, i + SIDE + 1, i + SIDE]]).collect();
-    TriangleMesh::new(positions, triangles).expect("valid")
-}
 
 /// Compares what `prepare` leaves behind with what its handle says of the host.
 fn compare<H>(what: &str, prepare: impl Fn() -> H, footprint: impl Fn(&H) -> Footprint) {
@@ -44,7 +34,7 @@ fn compare<H>(what: &str, prepare: impl Fn() -> H, footprint: impl Fn(&H) -> Foo
 #[test]
 fn handles_hold_what_they_say() {
     assert!(is_counting(), "this test needs the counting allocator");
-    let mesh = sheet();
+    let mesh = sheet(SIDE);
     let laplacian = Laplacian::assemble(&mesh, Weights::Plain).into_matrix();
     let places = Some(mesh.positions().to_vec());
     let mut shifted = laplacian.clone();

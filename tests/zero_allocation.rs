@@ -4,12 +4,13 @@ use lapbench::engine::allocation::{CountingAllocator, count, is_counting};
 use lapsolve::backend::PrepareOptions;
 use lapsolve::columns::Columns;
 use lapsolve::dirichlet::Dirichlet;
-use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{BACKENDS, OpenOptions};
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
 use lapsolve::workload::transfer;
 use lapsolve::workload::transfer::defaults::default_problem;
+use lapsolve::workload::volume::Inflation;
+use tests::sheet::sheet;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -32,16 +33,6 @@ fn grid(shift: f64) -> SymmetricCsr {
     SymmetricCsr::from_triplets((SIDE * SIDE) as usize, &triplets).expect("an upper triangle")
 }
 
-/// A bumpy sheet of SIDE x SIDE vertices.
-fn sheet() -> TriangleMesh {
-    let place = |i: u32| (f64::from(i % SIDE), f64::from(i / SIDE));
-    let positions = (0..SIDE * SIDE).map(place).map(|(x, y)| [x, y, (0.3 * x * y).sin()]).collect();
-    let corner = |i: u32| i % (SIDE - 1) + i / (SIDE - 1) * SIDE;
-    let squares = (0..(SIDE - 1) * (SIDE - 1)).map(corner);
-    let triangles = squares.flat_map(|i| [[i, i + 1, i + SIDE], [i + 1, i + SIDE + 1, i + SIDE]]).collect();
-    TriangleMesh::new(positions, triangles).expect("valid")
-}
-
 fn wave(length: usize) -> Vec<f64> {
     (0..length).map(|i| (i as f64).sin()).collect()
 }
@@ -55,12 +46,18 @@ fn allocations_of(mut work: impl FnMut()) -> u64 {
     count() - before
 }
 
+/// One test: others beside it would be counted too.
 #[test]
-fn warm_solves_allocate_nothing() {
+fn nothing_is_allocated_once_warm() {
     assert!(is_counting(), "this test needs the counting allocator");
+    solves_and_frames();
+    kept_volumes();
+}
+
+fn solves_and_frames() {
     let system = System::new(grid(0.1), None).expect("finite, positive diagonal");
     let problem = Dirichlet::new(grid(0.1), None, &[0, 77, 600]).expect("valid constraints");
-    let sheet = sheet();
+    let sheet = sheet(SIDE);
     let motion = default_problem(&sheet).expect("marks everywhere");
     let n = system.n();
     let (rhs, mut x) = (wave(n * MAX_COLUMNS), vec![0.0; n * MAX_COLUMNS]);
@@ -99,5 +96,23 @@ fn warm_solves_allocate_nothing() {
             });
             assert_eq!(frame, 0, "{}: transfer, {threads} thread(s)", entry.id);
         }
+    }
+}
+
+fn kept_volumes() {
+    let ball = lapbench::mesh_source::load("sphere:3").expect("generated").mesh;
+    let backend = lapsolve::registry::find("framechol-f64").expect("built in");
+    for threads in [1, 2] {
+        let backend =
+            (backend.open)(&OpenOptions { threads, ..OpenOptions::default() }).expect("needs no device");
+        let mut inflation = Inflation::new(&*backend, &ball, threads).expect("closed");
+        let rotations = vec![[1.0, 0.0, 0.0, 0.0]; ball.positions().len()];
+        let mut positions = ball.positions().to_vec();
+        let allocations = allocations_of(|| {
+            positions.copy_from_slice(ball.positions());
+            let step = inflation.restore(1.1, &rotations, &mut positions).expect("in reach");
+            assert!(step > 0.0);
+        });
+        assert_eq!(allocations, 0, "{threads} thread(s)");
     }
 }

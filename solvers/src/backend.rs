@@ -205,6 +205,9 @@ pub trait TransferFrame: Send {
         None
     }
 
+    /// Marks and vertices whose rotation was replaced in the last frame, because a triangle collapsed or an average vanished.
+    fn replaced(&self) -> usize;
+
     /// As [`Factor::device_phases`].
     ///
     /// # Errors
@@ -257,8 +260,6 @@ pub struct FrameTrace<'a> {
     pub field: &'a [f64],
     /// U, n x 3: the right-hand side of step 5.
     pub rhs: &'a [f64],
-    /// Marks and vertices whose rotation was replaced, because a triangle collapsed or an average vanished.
-    pub replaced: usize,
 }
 
 /// Where and how an opened backend runs.

@@ -297,6 +297,10 @@ impl TransferFrame for Untranslated {
         self.inner.trace()
     }
 
+    fn replaced(&self) -> usize {
+        self.inner.replaced()
+    }
+
     fn footprint(&self) -> Footprint {
         self.inner.footprint()
     }

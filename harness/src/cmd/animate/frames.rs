@@ -65,8 +65,8 @@ impl Frames {
     }
 
     /// Rotations that were replaced in the last frame.
-    pub fn replaced(&mut self) -> usize {
-        self.transfer.trace().map_or(0, |trace| trace.replaced)
+    pub fn replaced(&self) -> usize {
+        self.transfer.replaced()
     }
 
     /// What keeping the volume took in the last frame.

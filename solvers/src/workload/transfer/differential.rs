@@ -146,8 +146,12 @@ impl DifferentialCoordinates {
 
     /// Constraint values, field and U of the last pose.
     pub fn trace(&self) -> FrameTrace<'_> {
-        let Self { posing, field, rhs, replaced, .. } = self;
-        FrameTrace { constraints: &posing.values, field, rhs, replaced: *replaced }
+        FrameTrace { constraints: &self.posing.values, field: &self.field, rhs: &self.rhs }
+    }
+
+    /// As [`TransferFrame::replaced`](crate::backend::TransferFrame::replaced).
+    pub fn replaced(&self) -> usize {
+        self.replaced
     }
 
     /// What the harmonic handle holds, buffers included.

@@ -129,6 +129,10 @@ impl TransferFrame for Transfer {
         Some(self.differential.trace())
     }
 
+    fn replaced(&self) -> usize {
+        self.differential.replaced()
+    }
+
     fn footprint(&self) -> Footprint {
         let (a, b) = (self.differential.footprint(), self.poisson.footprint());
         let sum = |x: Option<u64>, y: Option<u64>| Some(x? + y?);

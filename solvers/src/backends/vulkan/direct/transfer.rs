@@ -266,7 +266,11 @@ impl<C: Core> TransferFrame for DeviceFrames<C> {
         let u = u.chunks_exact(PLANE).flat_map(|row| row[..SPACE].iter().map(|x| x * scale)).collect();
         self.traced = (field, u);
         let (field, rhs) = (&self.traced.0[..], &self.traced.1[..]);
-        Some(FrameTrace { constraints: &self.posing.values, field, rhs, replaced: self.replaced })
+        Some(FrameTrace { constraints: &self.posing.values, field, rhs })
+    }
+
+    fn replaced(&self) -> usize {
+        self.replaced
     }
 
     fn device_phases(&mut self) -> Result<Vec<(String, u64)>, SolveError> {
