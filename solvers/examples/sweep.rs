@@ -1,7 +1,7 @@
 //! How fast the sweeps of framechol read their factor, against what this machine can read at all.
 //!
 //! ```text
-//! cargo run --release -p lapsolve --example sweep -- [icosphere level] [threads]
+//! cargo run --release -p lapsolve --example sweep -- [icosphere level] [threads] [backend]
 //! ```
 //! Solves L x = b with three columns on a displaced icosphere (level 7: 327,680 triangles), one vertex grounded, for the
 //! mesh's own positions, and prints the time of every phase, the bytes one solve streams, and both rates. The read rate is that of a plain sum
@@ -41,7 +41,8 @@ fn main() {
     let mut rhs = vec![0.0; x.len()];
     let n = system.n();
     system.matrix().multiply(Columns::new(&x[..], n, COLUMNS), Columns::new(&mut rhs[..], n, COLUMNS));
-    for id in BACKENDS {
+    let only = std::env::args().nth(3);
+    for id in BACKENDS.into_iter().filter(|id| only.as_ref().is_none_or(|only| only == id)) {
         report(id, system, &rhs, threads);
     }
 }

@@ -97,14 +97,14 @@ macro_rules! real {
 real!(f32);
 real!(f64);
 
-/// Asks for the cache line of the number `ahead` places after `at` (before it, where negative), into the second-level cache.
+/// Asks for the cache line `ahead` bytes after `at` (before it, where negative), into the second-level cache.
 /// The place may lie outside of every buffer: a hint never faults. Nothing on other machines than x86-64.
 #[inline(always)]
 pub fn prefetch<T>(at: &T, ahead: isize) {
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     {
         use std::arch::x86_64::{_MM_HINT_T1, _mm_prefetch};
-        let place = std::ptr::from_ref(at).wrapping_offset(ahead).cast();
+        let place = std::ptr::from_ref(at).cast::<i8>().wrapping_offset(ahead);
         // SAFETY: a prefetch reads nothing that a program can see, and takes any address.
         unsafe { _mm_prefetch::<_MM_HINT_T1>(place) };
     }
@@ -112,9 +112,10 @@ pub fn prefetch<T>(at: &T, ahead: isize) {
     let _ = (at, ahead);
 }
 
-/// How many rows ahead a loop that jumps between rows asks for them: enough for the latency of a shared cache, few enough
-/// not to lose them again.
-pub const ROWS_AHEAD: usize = 24;
+/// How many rows ahead a loop that jumps between rows asks for them. A frame streams its factor between two visits of a
+/// vector, so the rows come from memory: with 160 rather than 24 a solve of 306 thousand triangles took 7 (f64) to 10% (f32)
+/// less time on a Zen 3. 160 rows of three f64 are an eighth of the first-level cache.
+pub const ROWS_AHEAD: usize = 160;
 
 /// Asks for the cache line of a place that is about to be read or written, into the first-level cache. Any address may be
 /// given, as in [`prefetch`].

@@ -3,6 +3,7 @@
 //! A kernel is written once for any [`Vector`]; [`crate::isa::Features`] says which type stands for K numbers under each
 //! instruction set. The portable one is a plain array.
 use crate::isa::{Features, Real, multiply_add};
+use crate::tile::{Plain, Tile};
 use std::marker::PhantomData;
 
 /// K numbers that are computed with together.
@@ -11,6 +12,8 @@ pub trait Vector: Copy {
     type T: Real;
     /// Where they lie in memory: `[T; K]`.
     type Row: Copy + Default + AsRef<[Self::T]> + AsMut<[Self::T]> + Send + Sync;
+    /// Eight rows of a panel in registers.
+    type Tile: Tile<T = Self::T, Row = Self::Row>;
     /// K zeros.
     fn zero() -> Self;
     /// From memory.
@@ -95,6 +98,7 @@ macro_rules! array_vector {
         impl<T: Real, F: Features> Vector for Array<T, $k, F> {
             type T = T;
             type Row = [T; $k];
+            type Tile = Plain<Self>;
             #[inline(always)]
             fn zero() -> Self {
                 Self([T::default(); $k], PhantomData)
@@ -129,6 +133,8 @@ array_vector!(8);
 pub mod x86 {
     //! Registers of AVX2 with FMA, and of AVX-512.
     use super::Vector;
+    use crate::tile::Plain;
+    use crate::tile::x86::Pairs;
     use std::arch::x86_64::{
         __m128, __m256, __m256d, __m512d, _mm_add_ps, _mm_fmadd_ps, _mm_fnmadd_ps, _mm_loadu_ps, _mm_set1_ps,
         _mm_setzero_ps, _mm_storeu_ps, _mm256_add_pd, _mm256_add_ps, _mm256_fmadd_pd, _mm256_fmadd_ps,
@@ -139,7 +145,7 @@ pub mod x86 {
     };
 
     macro_rules! register {
-        ($name:ident, $register:ty, $t:ty, $k:literal, $zero:ident, $load:ident, $store:ident, $add:ident, $set:ident, $fma:ident, $fnma:ident) => {
+        ($name:ident, $register:ty, $tile:ty, $t:ty, $k:literal, $zero:ident, $load:ident, $store:ident, $add:ident, $set:ident, $fma:ident, $fnma:ident) => {
             /// One register; only named by the [`Features`](crate::isa::Features) that have it.
             #[derive(Clone, Copy)]
             pub struct $name($register);
@@ -148,6 +154,7 @@ pub mod x86 {
             impl Vector for $name {
                 type T = $t;
                 type Row = [$t; $k];
+                type Tile = $tile;
                 #[inline(always)]
                 fn zero() -> Self {
                     // SAFETY: see above.
@@ -184,6 +191,7 @@ pub mod x86 {
     register!(
         Ymm64,
         __m256d,
+        Plain<Ymm64>,
         f64,
         4,
         _mm256_setzero_pd,
@@ -197,6 +205,7 @@ pub mod x86 {
     register!(
         Zmm64,
         __m512d,
+        Plain<Zmm64>,
         f64,
         8,
         _mm512_setzero_pd,
@@ -210,6 +219,7 @@ pub mod x86 {
     register!(
         Xmm32,
         __m128,
+        Pairs,
         f32,
         4,
         _mm_setzero_ps,
@@ -223,6 +233,7 @@ pub mod x86 {
     register!(
         Ymm32,
         __m256,
+        Plain<Ymm32>,
         f32,
         8,
         _mm256_setzero_ps,
@@ -240,6 +251,7 @@ pub mod x86 {
     impl Vector for TwoYmm64 {
         type T = f64;
         type Row = [f64; 8];
+        type Tile = Plain<Self>;
         #[inline(always)]
         fn zero() -> Self {
             Self(Ymm64::zero(), Ymm64::zero())

@@ -33,6 +33,7 @@ pub mod rotation;
 pub mod sparse;
 pub mod system;
 pub mod team;
+pub mod tile;
 pub mod topology;
 pub mod triangle;
 pub mod triangle_tree;

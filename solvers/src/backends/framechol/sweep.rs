@@ -10,18 +10,9 @@
 //! pivot: one load (and in the backward sweep one store) of K numbers from the first cache.
 use super::front::{BLOCK, update_block};
 use super::panels::{Panel, Panels, STRIP};
-use crate::isa::{Features, Kernel, prefetch};
+use crate::isa::{Features, Kernel};
 use crate::lanes::{Shape, Vector};
-
-/// How far before their use entries of M are asked for, in bytes. One core keeps more lines on their way from memory into
-/// the second-level cache than its own loads can wait for; hardware prefetchers lose the stream at every panel's end in the
-/// backward sweep, which goes down through memory.
-const AHEAD: isize = 4096;
-
-/// [`AHEAD`] in numbers.
-const fn ahead<T>() -> isize {
-    AHEAD / size_of::<T>() as isize
-}
+use crate::tile::{Tile, ask};
 
 /// The forward sweep over all panels.
 pub struct Forward<'a, S: Shape> {
@@ -96,14 +87,15 @@ fn forward<V: Vector>(panels: &Panels<V::T>, panel: &Panel, work: &mut [V::Row])
     let (blocks, tail) = panels.rows[panel.rows()].as_chunks::<BLOCK>();
     let (m, tail_m) = panels.values[panel.values()].split_at(blocks.len() * BLOCK * width);
     for (rows, m) in blocks.iter().zip(m.chunks_exact(BLOCK * width)) {
-        subtract_product::<V, BLOCK>(rows, m, own, base, rest);
+        let mut tile = V::Tile::gather(rows, base, rest);
+        tile.sub_product(m.as_chunks().0, own);
+        tile.scatter(rows, base, rest);
     }
     with_length!(tail.len(), R, {
         subtract_product::<V, R>(tail.first_chunk().expect("R rows"), tail_m, own, base, rest);
     });
     let inverse = &panels.diagonal[panel.diagonal()];
     match width {
-        BLOCK => multiply_in_place::<V, BLOCK>(inverse, own),
         0..BLOCK => with_length!(width, W, { multiply_in_place::<V, W>(inverse, own) }),
         _ => multiply_pivots::<V>(inverse, own),
     }
@@ -130,7 +122,7 @@ fn subtract_product<V: Vector, const R: usize>(
 ) {
     let mut sum = load_rows::<V, R>(rows, base, rest);
     for (m, y) in m.as_chunks::<R>().0.iter().zip(y) {
-        prefetch(&m[0], ahead::<V::T>());
+        ask(m, 1);
         let y = V::load(y);
         for i in 0..R {
             sum[i] = sum[i].sub_scaled(m[i], y);
@@ -141,12 +133,13 @@ fn subtract_product<V: Vector, const R: usize>(
     }
 }
 
-/// y := X^T (X y) for W pivots, W <= 8: all of X y fits the registers, and X is read again from the first cache.
+/// y := X^T (X y) for W pivots, W < 8: all of X y fits the registers, and X is read again from the first cache.
 #[inline(always)]
 fn multiply_in_place<V: Vector, const W: usize>(x: &[V::T], y: &mut [V::Row]) {
     let columns = x.as_chunks::<W>().0;
     let mut sum = [V::zero(); W];
     for (x, y) in columns.iter().zip(&*y) {
+        ask(x, 1);
         let y = V::load(y);
         for i in 0..W {
             sum[i] = sum[i].add_scaled(x[i], y);
@@ -167,7 +160,7 @@ fn dot<V: Vector, const R: usize>(x: &[V::T; R], y: &[V; R], start: V) -> V {
     sums[0].add(sums[1])
 }
 
-/// y := X^T (X y) for more than eight pivots.
+/// y := X^T (X y) for eight pivots or more. Tiles subtract, so the product in between has its sign turned.
 #[inline(always)]
 fn multiply_pivots<V: Vector>(x: &[V::T], y: &mut [V::Row]) {
     let mut buffer = [V::Row::default(); STRIP];
@@ -175,19 +168,25 @@ fn multiply_pivots<V: Vector>(x: &[V::T], y: &mut [V::Row]) {
     let (blocks, tail) = product.as_chunks_mut::<BLOCK>();
     let tail_x = &x[update_block(blocks.len())..];
     for (b, out) in blocks.iter_mut().enumerate() {
-        multiply_rows::<V, BLOCK>(&x[update_block(b)..update_block(b + 1)], y, out);
+        let mut tile = V::Tile::gather(&FIRST, 0, &*out);
+        tile.sub_product(x[update_block(b)..update_block(b + 1)].as_chunks().0, y);
+        tile.scatter(&FIRST, 0, out);
     }
     with_length!(tail.len(), R, {
         multiply_rows::<V, R>(tail_x, y, tail.first_chunk_mut().expect("R rows"));
     });
     y.fill(V::Row::default());
     for (b, rows) in blocks.iter().enumerate() {
-        add_transposed::<V, BLOCK>(&x[update_block(b)..update_block(b + 1)], rows, y);
+        let tile = V::Tile::gather(&FIRST, 0, rows);
+        tile.sub_transposed(x[update_block(b)..update_block(b + 1)].as_chunks().0, y);
     }
     with_length!(tail.len(), R, {
         add_transposed::<V, R>(tail_x, tail.first_chunk().expect("R rows"), y);
     });
 }
+
+/// The numbers of a tile's rows that lie one after another.
+const FIRST: [u32; BLOCK] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 /// y += m^T rows for the columns that m has.
 #[inline(always)]
@@ -206,6 +205,7 @@ fn add_transposed<V: Vector, const R: usize>(m: &[V::T], rows: &[V::Row; R], y: 
 fn multiply_rows<V: Vector, const R: usize>(m: &[V::T], y: &[V::Row], out: &mut [V::Row; R]) {
     let mut sum = [V::zero(); R];
     for (m, y) in m.as_chunks::<R>().0.iter().zip(y) {
+        ask(m, 1);
         let y = V::load(y);
         for i in 0..R {
             sum[i] = sum[i].add_scaled(m[i], y);
@@ -230,7 +230,8 @@ fn backward<V: Vector>(panels: &Panels<V::T>, panel: &Panel, work: &mut [V::Row]
         subtract_transposed::<V, R>(tail.first_chunk().expect("R rows"), tail_m, own, base, rest);
     });
     for (rows, m) in blocks.iter().zip(m.chunks_exact(BLOCK * width)).rev() {
-        subtract_transposed::<V, BLOCK>(rows, m, own, base, rest);
+        let tile = V::Tile::gather(rows, base, rest);
+        tile.sub_transposed(m.as_chunks().0, own);
     }
 }
 
@@ -245,7 +246,7 @@ fn subtract_transposed<V: Vector, const R: usize>(
 ) {
     let y = load_rows::<V, R>(rows, base, rest);
     for (m, x) in m.as_chunks::<R>().0.iter().zip(x) {
-        prefetch(&m[0], -ahead::<V::T>());
+        ask(m, -1);
         let mut sums = [V::load(x), V::zero()];
         for i in 0..R {
             sums[i % 2] = sums[i % 2].sub_scaled(m[i], y[i]);
