@@ -309,15 +309,15 @@ impl Source for Sparse<'_> {
         group: Group,
         scale: f64,
         work: &mut [S::Row],
-    ) -> f64 {
+    ) -> [f64; 8] {
         work.fill(S::Row::default());
         let start = self.entries.partition_point(|e| (e.0 as usize) < range.start);
         let own = self.entries[start..].iter().take_while(|e| (e.0 as usize) < range.end);
-        let mut largest = 0.0_f64;
+        let mut largest = [0.0_f64; 8];
         for &(position, column, value) in own {
             if let Some(lane) = (column as usize).checked_sub(group.from).filter(|&lane| lane < group.count) {
                 work[position as usize - range.start].as_mut()[lane] += S::T::from_f64(value * scale);
-                largest = largest.max(value.abs());
+                largest[lane] = largest[lane].max(value.abs());
             }
         }
         largest

@@ -1,4 +1,5 @@
-//! `framechol-f64` on ill-conditioned systems: one step of refinement, with a residual in twice the precision.
+//! `framechol-f64` and `framechol-mixed` on ill-conditioned systems: one more step of refinement, with a residual in twice
+//! the precision.
 //!
 //! A backward stable solve loses digits in proportion to Skeel's condition number || |A^-1| |A| || (R. D. Skeel, "Scaling for
 //! numerical stability in Gaussian elimination", J. ACM 26, 1979). Slivers make it large: clusters of stiff rows that hang on
@@ -6,38 +7,39 @@
 //! digits back (N. J. Higham, "Accuracy and Stability of Numerical Algorithms", 2nd ed., section 12.1).
 //!
 //! Whether a system needs that is found out once, when it is prepared; one that does not pays nothing in a frame.
-use super::engine::groups;
 use super::gather::{Dense, Group, Output, Scatter, Source};
-use super::method::{Answer, Method, Plan, Single};
+use super::method::{Answer, Method, Plan};
 use super::panels::Reach;
 use crate::backend::Footprint;
 use crate::columns::Columns;
 use crate::error::PrepareError;
 use crate::isa::{Features, Isa, Kernel};
 use crate::lanes::{F64x4, F64x8, Shape};
+use crate::limits::Limits;
+use crate::registry::{Accuracy, Precision};
 use crate::residual::{two_product, two_sum};
 use crate::sparse::SymmetricCsr;
 use crate::team::Team;
 use std::ops::Range;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// Forward error that `framechol-f64` promises: see [`crate::limits::Limits`].
-const PROMISED: f64 = 1e-9;
-/// Condition numbers up to this one cannot break the promise.
-const HARMLESS: f64 = PROMISED / f64::EPSILON;
-/// Forward error of a trial solve from which every solve is refined. The bound is far above most errors (a thousand times on
-/// well-shaped meshes of 300 thousand triangles), so beyond [`HARMLESS`] the error is measured.
-const TOLERATED: f64 = 0.1 * PROMISED;
+/// Part of the promised forward error that a trial solve may have; from there on every solve is refined. The bound by the
+/// condition number is far above most errors (a thousand times on well-shaped meshes of 300 thousand triangles), so where it
+/// does not suffice the error is measured.
+const TOLERATED: f64 = 0.1;
 
-/// One sweep pair, or two where the system asks for it.
-pub struct Careful {
-    single: Single<f64>,
+/// A method, or that and a step of refinement where the system asks for it.
+pub struct Careful<M> {
+    single: M,
     refinement: Option<Refinement>,
 }
 
-impl Method for Careful {
+impl<M: Method> Method for Careful<M> {
+    const PRECISION: Precision = M::PRECISION;
+
     fn new(plan: Plan<'_>) -> Result<Self, PrepareError> {
-        Ok(Self { single: Single::new(plan)?, refinement: None })
+        Ok(Self { single: M::new(plan)?, refinement: None })
     }
 
     fn factorise(&mut self, values: &[f64]) -> Result<(), PrepareError> {
@@ -59,30 +61,36 @@ impl Method for Careful {
         let (mut once, mut refined) = (vec![0.0; n], vec![0.0; n]);
         self.single.solve(&source, &order, &Output::new(&mut Columns::new(&mut once, n, 1)), 1);
         let condition = largest(once.iter().copied());
-        if condition <= HARMLESS {
+        let promised = Limits::of(M::PRECISION, Accuracy::Direct, 0.0).poisson;
+        // Condition numbers up to this one cannot break the promise.
+        if condition <= promised / f64::EPSILON {
             return;
         }
         self.refinement = Some(Refinement::new(matrix, values, &order, self.single.widest()));
         self.solve(&source, &order, &Output::new(&mut Columns::new(&mut refined, n, 1)), 1);
         let error = largest(once.iter().zip(&refined).map(|(a, b)| a - b));
-        if error <= TOLERATED * condition {
+        if error <= TOLERATED * promised * condition {
             self.refinement = None;
         }
     }
 
-    fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer {
+    fn widest(&self) -> usize {
+        self.single.widest()
+    }
+
+    fn order(&self) -> Arc<[u32]> {
+        self.single.order()
+    }
+
+    fn group(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, group: Group) -> Answer {
         let Self { single, refinement: Some(refinement) } = self else {
-            return self.single.solve(source, rows, x, k);
+            return self.single.group(source, rows, x, group);
         };
-        let mut finite = true;
-        for group in groups(k, single.widest()) {
-            finite &= if group.count > 4 {
-                refinement.solve::<F64x8>(single, source, rows, x, group)
-            } else {
-                refinement.solve::<F64x4>(single, source, rows, x, group)
-            };
+        if group.count > 4 {
+            refinement.solve::<F64x8>(single, source, rows, x, group)
+        } else {
+            refinement.solve::<F64x4>(single, source, rows, x, group)
         }
-        Answer { finite, pairs: None }
     }
 
     fn footprint(&self) -> Footprint {
@@ -159,21 +167,22 @@ impl Refinement {
         (4 * (self.starts.len() + self.columns.len()) + 8 * self.values.len()) as u64
     }
 
-    /// x := A^-1 b, then x += A^-1 (b - A x). Returns whether the result is finite.
+    /// x := A^-1 b, then x += A^-1 (b - A x).
     fn solve<S: Shape<T = f64>>(
         &mut self,
-        single: &mut Single<f64>,
+        single: &mut impl Method,
         source: &impl Source,
         rows: &[u32],
         x: &Output<'_>,
         group: Group,
-    ) -> bool {
+    ) -> Answer {
         let Self { starts, columns, values, identity, residual, solution, step, .. } = self;
         let n = identity.len();
         let own = Group { from: 0, count: group.count };
         // Lanes without a column must stay finite.
         [&mut *solution, &mut *step].into_iter().for_each(|block| block.fill(0.0));
-        single.group(&Shifted { source, by: group.from }, identity, &Output::rows(solution, S::K), own);
+        let first =
+            single.group(&Shifted { source, by: group.from }, identity, &Output::rows(solution, S::K), own);
         let (team, isa) = single.team();
         let (starts, columns, values) = (&starts[..], &columns[..], &values[..]);
         let rest = &mut S::rows(residual)[..n];
@@ -183,7 +192,7 @@ impl Refinement {
             isa.run(Subtract::<S> { starts, columns, values, first: range.start, x: at, rest });
         });
         let dense = Dense { order: identity, block: Columns::new(&residual[..n * S::K], n, S::K) };
-        single.group(&dense, identity, &Output::rows(step, S::K), own);
+        let second = single.group(&dense, identity, &Output::rows(step, S::K), own);
         let (team, isa) = single.team();
         let steps = &S::rows(step)[..n];
         let finite = AtomicBool::new(true);
@@ -196,7 +205,8 @@ impl Refinement {
                 finite.store(false, Relaxed);
             }
         });
-        finite.into_inner()
+        let pairs = first.pairs.zip(second.pairs).map(|(a, b)| a + b);
+        Answer { finite: finite.into_inner(), pairs }
     }
 }
 
@@ -214,7 +224,7 @@ impl<R: Source> Source for Shifted<'_, R> {
         group: Group,
         scale: f64,
         work: &mut [S::Row],
-    ) -> f64 {
+    ) -> [f64; 8] {
         self.source.load::<S>(isa, range, Group { from: self.by + group.from, ..group }, scale, work)
     }
 

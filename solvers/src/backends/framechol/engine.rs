@@ -147,15 +147,9 @@ impl<T: Lanes, E: Send> Engine<T, E> {
     ) -> Seen {
         let Self { isa, symbolic, shares, team, .. } = self;
         team.for_each(shares, |t, share| {
-            let (part, work) = (&symbolic.parts[t], S::rows(&mut share.slab));
-            let (pivots, top) = work[..part.slab as usize].split_at_mut(part.pivots());
-            let mut largest = source.load::<S>(*isa, symbolic.positions(t), group, scale, pivots);
-            if t == 0 {
-                largest = largest.max(source.load::<S>(*isa, symbolic.top_positions(), group, scale, top));
-            } else {
-                top.fill(S::Row::default());
-            }
-            share.seen.largest = largest;
+            let work = S::rows(&mut share.slab);
+            let largest = load::<S>(*isa, symbolic, t, source, work, group, scale);
+            share.seen.largest = largest.into_iter().fold(0.0, f64::max);
             isa.run(Forward::<S> { panels: &share.panels, active: source.active(t), work });
         });
         let threads = shares.len();
@@ -241,6 +235,29 @@ impl<T: Lanes, E: Send> Engine<T, E> {
             ..Footprint::default()
         }
     }
+}
+
+/// Loads the rows of thread `t`, and for thread 0 those of the top, which are zero for the others. Returns the largest
+/// absolute value of every column.
+pub fn load<S: Shape>(
+    isa: Isa,
+    symbolic: &Symbolic,
+    t: usize,
+    source: &impl Source,
+    work: &mut [S::Row],
+    group: Group,
+    scale: f64,
+) -> [f64; 8] {
+    let part = &symbolic.parts[t];
+    let (pivots, top) = work[..part.slab as usize].split_at_mut(part.pivots());
+    let mut largest = source.load::<S>(isa, symbolic.positions(t), group, scale, pivots);
+    if t == 0 {
+        let above = source.load::<S>(isa, symbolic.top_positions(), group, scale, top);
+        largest.iter_mut().zip(above).for_each(|(a, b)| *a = a.max(b));
+    } else {
+        top.fill(S::Row::default());
+    }
+    largest
 }
 
 /// Stores the rows of thread `t`, and for thread 0 those of the top. Returns whether they are finite.

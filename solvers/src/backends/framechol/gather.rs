@@ -17,7 +17,7 @@ pub struct Group {
 /// Where right-hand sides come from.
 pub trait Source: Sync {
     /// Writes `scale` times the rows eliminated at positions `range` to `work`, one row each; lanes without a column become
-    /// zero. Returns the largest absolute value before scaling.
+    /// zero. Returns the largest absolute value of every column before scaling.
     fn load<S: Shape>(
         &self,
         isa: Isa,
@@ -25,7 +25,7 @@ pub trait Source: Sync {
         group: Group,
         scale: f64,
         work: &mut [S::Row],
-    ) -> f64;
+    ) -> [f64; 8];
 
     /// The panels of a part that the forward sweep must visit, ascending; `None`: all.
     fn active(&self, part: usize) -> Option<&[u32]>;
@@ -60,8 +60,8 @@ impl Source for Dense<'_> {
         group: Group,
         scale: f64,
         work: &mut [S::Row],
-    ) -> f64 {
-        isa.run(Gather::<S> { order: &self.order[range], block: self.block, group, scale, work })
+    ) -> [f64; 8] {
+        isa.run(Gather::<S> { order: &self.order[range.start..], block: self.block, group, scale, work })
     }
 
     fn active(&self, _: usize) -> Option<&[u32]> {
@@ -71,6 +71,7 @@ impl Source for Dense<'_> {
 
 /// work\[i\] := scale times row `order\[i\]` of the block. Streams `work` and 4 bytes of index, gathers 8 bytes per number.
 struct Gather<'a, S: Shape> {
+    /// Longer than `work` where more rows will be gathered next: they are asked for.
     order: &'a [u32],
     block: Columns<&'a [f64]>,
     group: Group,
@@ -79,25 +80,29 @@ struct Gather<'a, S: Shape> {
 }
 
 impl<S: Shape> Kernel for Gather<'_, S> {
-    type Output = f64;
+    type Output = [f64; 8];
 
     #[inline(always)]
-    fn run<F: Features>(self) -> f64 {
+    fn run<F: Features>(self) -> [f64; 8] {
         let (k, data) = (self.block.k(), self.block.slice());
         let mut largest = [0.0_f64; 8];
         with_count!(self.group.count, C, {
             for (i, (w, &row)) in self.work.iter_mut().zip(self.order).enumerate() {
                 let later = self.order[(i + ROWS_AHEAD).min(self.order.len() - 1)] as usize;
-                prefetch_near(data.as_ptr().wrapping_add(later * k + self.group.from));
+                let later = data.as_ptr().wrapping_add(later * k + self.group.from);
+                prefetch_near(later);
+                prefetch_near(later.wrapping_add(C - 1)); // a row may lie in two lines
                 let b = data[row as usize * k + self.group.from..].first_chunk::<C>().expect("C columns");
-                *w = S::Row::default();
-                for c in 0..C {
-                    w.as_mut()[c] = S::T::from_f64(b[c] * self.scale);
-                    largest[c] = if b[c].abs() > largest[c] { b[c].abs() } else { largest[c] };
+                // All lanes, also those without a column: whole registers.
+                let mut row = [0.0; 8];
+                row[..C].copy_from_slice(b);
+                for c in 0..S::K {
+                    w.as_mut()[c] = S::T::from_f64(row[c] * self.scale);
+                    largest[c] = if row[c].abs() > largest[c] { row[c].abs() } else { largest[c] };
                 }
             }
         });
-        largest.into_iter().fold(0.0, f64::max)
+        largest
     }
 }
 
@@ -127,6 +132,7 @@ impl<'a> Output<'a> {
 
 /// Row `order\[i\]` of the block := scale times work\[i\]. Returns whether all of `work` was finite.
 pub struct Scatter<'a, S: Shape> {
+    /// Longer than `work` where more rows will be written next: they are asked for.
     order: &'a [u32],
     block: &'a Output<'a>,
     group: Group,
@@ -135,10 +141,10 @@ pub struct Scatter<'a, S: Shape> {
 }
 
 impl<'a, S: Shape> Scatter<'a, S> {
-    /// One row of `work` per entry of `order`.
+    /// At least one entry of `order` per row of `work`.
     ///
     /// # Safety
-    /// No other thread writes to the rows in `order` while this runs.
+    /// No other thread writes to the first `work.len()` rows of `order` while this runs.
     pub unsafe fn new(
         order: &'a [u32],
         block: &'a Output<'a>,
@@ -160,14 +166,20 @@ impl<S: Shape> Kernel for Scatter<'_, S> {
         with_count!(self.group.count, C, {
             for (i, (w, &row)) in self.work.iter().zip(self.order).enumerate() {
                 let later = self.order[(i + ROWS_AHEAD).min(self.order.len() - 1)] as usize;
-                prefetch_near(data.wrapping_add(later * k + self.group.from));
+                let later = data.wrapping_add(later * k + self.group.from);
+                prefetch_near(later);
+                prefetch_near(later.wrapping_add(C - 1));
                 // 0 * w is NaN for an infinity or a NaN, and stays in the sum.
                 check = check.add_scaled(S::T::default(), S::Vector::<F>::load(w));
                 let at = row as usize * k + self.group.from;
                 assert!(at + C <= len, "row {row} is outside of the block");
                 // SAFETY: in bounds; the row is this thread's alone by the promise of `new`.
                 let x = unsafe { &mut *data.add(at).cast::<[f64; C]>() };
-                x.iter_mut().zip(w.as_ref()).for_each(|(x, w)| *x = w.to_f64() * self.scale);
+                let mut row = [0.0; 8];
+                for c in 0..S::K {
+                    row[c] = w.as_ref()[c].to_f64() * self.scale;
+                }
+                x.copy_from_slice(&row[..C]);
             }
         });
         let mut lanes = S::Row::default();

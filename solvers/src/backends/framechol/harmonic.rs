@@ -194,19 +194,20 @@ impl Source for Boundary<'_> {
         group: Group,
         scale: f64,
         work: &mut [S::Row],
-    ) -> f64 {
+    ) -> [f64; 8] {
         work.fill(S::Row::default());
         let entries = &self.coupling.entries;
         let start = entries.partition_point(|e| (e.0 as usize) < range.start);
-        let mut largest = 0.0_f64;
+        let mut largest = [0.0_f64; 8];
         for (&(position, row, _), weight) in entries[start..].iter().zip(&self.coupling.weights[start..]) {
             if position as usize >= range.end {
                 break;
             }
             let values = &self.constraints.row(row as usize)[group.from..group.from + group.count];
-            for (w, &g) in work[position as usize - range.start].as_mut().iter_mut().zip(values) {
+            let row = work[position as usize - range.start].as_mut();
+            for ((w, &g), largest) in row.iter_mut().zip(values).zip(&mut largest) {
                 let b = weight * g;
-                largest = largest.max(b.abs());
+                *largest = largest.max(b.abs());
                 *w += S::T::from_f64(-b * scale);
             }
         }

@@ -7,6 +7,7 @@ use crate::backend::Footprint;
 use crate::error::PrepareError;
 use crate::isa::Isa;
 use crate::lanes::Lanes;
+use crate::registry::Precision;
 use crate::sparse::SymmetricCsr;
 use crate::team::Team;
 use std::sync::Arc;
@@ -34,6 +35,9 @@ impl Plan<'_> {
 
 /// A factored matrix and a way to solve with it.
 pub trait Method: Send + Sized + 'static {
+    /// Its class, and so the accuracy that it promises.
+    const PRECISION: Precision;
+
     /// Allocates everything; nothing is factored yet.
     ///
     /// # Errors
@@ -49,8 +53,24 @@ pub trait Method: Send + Sized + 'static {
     /// Once, after the first factorisation of `matrix` with these values: finds out what its condition asks for.
     fn judge(&mut self, _matrix: &SymmetricCsr, _values: &[f64]) {}
 
-    /// Solves for k columns of `source`; position p of the elimination order goes to row `rows[p]` of `x`.
-    fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer;
+    /// Columns that [`group`](Self::group) can take.
+    fn widest(&self) -> usize;
+
+    /// Row eliminated k-th.
+    fn order(&self) -> Arc<[u32]>;
+
+    /// Solves for some columns of `source`; position p of the elimination order goes to row `rows[p]` of `x`.
+    fn group(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, group: Group) -> Answer;
+
+    /// Solves for k columns, group by group.
+    fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer {
+        let mut all = Answer { finite: true, pairs: None };
+        for group in groups(k, self.widest()) {
+            let answer = self.group(source, rows, x, group);
+            all = Answer { finite: all.finite && answer.finite, pairs: all.pairs.max(answer.pairs) };
+        }
+        all
+    }
 
     /// Bytes held and moved.
     fn footprint(&self) -> Footprint;
@@ -76,36 +96,9 @@ pub struct Single<T> {
     engine: Engine<T, ()>,
 }
 
-impl<T: Lanes> Single<T> {
-    /// Columns that one sweep pair can take.
-    pub fn widest(&self) -> usize {
-        self.engine.widest()
-    }
-
-    /// Row eliminated k-th.
-    pub fn order(&self) -> Arc<[u32]> {
-        Arc::clone(&self.engine.symbolic.order)
-    }
-
-    /// Solves for some columns. Returns whether the solution is finite.
-    pub fn group(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, group: Group) -> bool {
-        let mut frame = |scale| {
-            if group.count > 4 {
-                self.engine.frame::<T::Eight>(source, scale, rows, x, group)
-            } else {
-                self.engine.frame::<T::Four>(source, scale, rows, x, group)
-            }
-        };
-        let seen = frame(1.0);
-        if seen.largest == 0.0 || T::COMFORTABLE.contains(&seen.largest) {
-            seen.finite
-        } else {
-            frame(1.0 / power_of_two(seen.largest)).finite
-        }
-    }
-}
-
 impl<T: Lanes> Method for Single<T> {
+    const PRECISION: Precision = if size_of::<T>() == 8 { Precision::F64 } else { Precision::F32 };
+
     fn new(plan: Plan<'_>) -> Result<Self, PrepareError> {
         let lanes = plan.lanes();
         Ok(Self { engine: Engine::new(plan.isa, plan.symbolic, lanes, plan.ordering, |_| ())? })
@@ -115,12 +108,27 @@ impl<T: Lanes> Method for Single<T> {
         self.engine.factorise(values)
     }
 
-    fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer {
-        let mut finite = true;
-        for group in groups(k, self.widest()) {
-            finite &= self.group(source, rows, x, group);
+    fn widest(&self) -> usize {
+        self.engine.widest()
+    }
+
+    fn order(&self) -> Arc<[u32]> {
+        Arc::clone(&self.engine.symbolic.order)
+    }
+
+    fn group(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, group: Group) -> Answer {
+        let mut frame = |scale| {
+            if group.count > 4 {
+                self.engine.frame::<T::Eight>(source, scale, rows, x, group)
+            } else {
+                self.engine.frame::<T::Four>(source, scale, rows, x, group)
+            }
+        };
+        let mut seen = frame(1.0);
+        if seen.largest != 0.0 && !T::COMFORTABLE.contains(&seen.largest) {
+            seen = frame(1.0 / power_of_two(seen.largest));
         }
-        Answer { finite, pairs: None }
+        Answer { finite: seen.finite, pairs: None }
     }
 
     fn footprint(&self) -> Footprint {

@@ -47,7 +47,7 @@ use symbolic::Symbolic;
 
 /// Opens `framechol-f64`: stored and swept in f64, twice where the system is ill-conditioned.
 pub fn open_f64(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<Careful>::new(options)?))
+    Ok(Box::new(FrameChol::<Careful<Single<f64>>>::new(options)?))
 }
 
 /// Opens `framechol-f32`: factored in f64, stored and swept in f32.
@@ -55,9 +55,10 @@ pub fn open_f32(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailab
     Ok(Box::new(FrameChol::<Single<f32>>::new(options)?))
 }
 
-/// Opens `framechol-mixed`: stored and swept in f32, refined with residuals in f64.
+/// Opens `framechol-mixed`: stored and swept in f32, refined with residuals in f64, once more where the system is
+/// ill-conditioned.
 pub fn open_mixed(options: &OpenOptions<'_>) -> Result<Box<dyn Backend>, Unavailable> {
-    Ok(Box::new(FrameChol::<Refined>::new(options)?))
+    Ok(Box::new(FrameChol::<Careful<Refined>>::new(options)?))
 }
 
 /// Sweep cost in entries from which a second thread pays. Waking a parked thread takes some 50 microseconds at the start

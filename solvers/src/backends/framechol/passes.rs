@@ -1,117 +1,116 @@
 //! The passes of a refinement over the rows of a slab, compiled for every instruction set.
+use super::gather::{Group, Source};
 use super::refine::Norms;
 use super::rows::Rows;
-use crate::isa::{Features, Kernel, Real};
+use crate::isa::{Features, Isa, Kernel, Real};
 use crate::lanes::{Shape, Vector};
 use std::ops::Range;
 
-/// work := scale * residual, rounded; most := max(most, |residual|).
-pub struct Round<'a, S: Shape, W: Shape> {
-    pub residual: &'a [W::Row],
-    pub scale: f64,
-    pub work: &'a mut [S::Row],
-    pub most: &'a mut W::Row,
-}
+/// Rows of f64 that are handled together, in the first-level cache.
+pub const CHUNK: usize = 512;
 
-impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Round<'_, S, W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<F: Features>(self) {
-        let mut most = *self.most; // in a register
-        for (work, residual) in self.work.iter_mut().zip(self.residual) {
-            *work = narrow::<S, W>(residual, self.scale);
-            keep_largest::<W>(&mut most, residual);
-        }
-        *self.most = most;
-    }
-}
-
-/// out := the rows of the matrix from `first` on, times work.
-pub struct Product<'a, S: Shape, W: Shape> {
+/// out := the rows of the matrix from `first` on, times x.
+pub struct Product<'a, X: Shape, W: Shape> {
     pub matrix: &'a Rows,
     pub first: usize,
-    pub work: &'a [S::Row],
+    pub x: &'a [X::Row],
     pub out: &'a mut [W::Row],
 }
 
-impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Product<'_, S, W> {
+impl<X: Shape, W: Shape<T = f64>> Kernel for Product<'_, X, W> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Features>(self) {
         for (i, out) in self.out.iter_mut().enumerate() {
-            self.matrix.product::<F, S, W>(self.first + i, self.work).store(out);
+            self.matrix.product::<F, X, W>(self.first + i, self.x).store(out);
         }
     }
 }
 
-/// The norms of residual - A d, x + d and d, with d = unit * work and x the sum of the steps before; with `keep` these are
-/// stored, and the residual times it becomes `other`.
-///
-/// Per row of K columns: [`Rows::product`]; 8 K bytes of residual and 4 K of each step read, with `keep` 12 K written.
-pub struct Judge<'a, S: Shape, W: Shape> {
+/// The rows that a thread judges.
+pub struct Judged<'a, R, S: Shape, W: Shape> {
+    pub isa: Isa,
+    pub source: &'a R,
+    pub group: Group,
+    /// Their positions in the elimination order.
+    pub positions: Range<usize>,
     pub matrix: &'a Rows,
-    /// Local numbers of the matrix's first rows.
-    pub rows: Range<usize>,
-    /// What others add to A work, row by row; or nothing.
+    /// Local number of the first one.
+    pub first: usize,
+    /// What others add to A x, row by row; or nothing.
     pub more: &'a [W::Row],
-    pub work: &'a [S::Row],
-    pub unit: f64,
-    pub pairs: u32,
-    pub keep: Option<f64>,
-    pub residual: &'a mut [W::Row],
-    pub other: &'a mut [S::Row],
-    pub solution: &'a mut [W::Row],
+    /// The last step in units of `step_unit`, by local row.
+    pub step: &'a [S::Row],
+    pub step_unit: f64,
+    pub scale: f64,
+    /// Becomes `scale` times the residual, by local row.
+    pub next: &'a mut [S::Row],
 }
 
-impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Judge<'_, S, W> {
+/// next := scale * (b - unit * A x), rounded. Returns the largest absolute values of that residual, of unit * x and of the
+/// last step.
+///
+/// Per row of K columns: [`Rows::product`]; 8 K bytes of right-hand side gathered anew, which a copy in elimination order
+/// would cost three times; 4 K bytes of step read and 4 K written.
+pub struct Judge<'a, R, X: Shape, S: Shape, W: Shape> {
+    pub judged: Judged<'a, R, S, W>,
+    /// The solution in units of `unit`, by local row.
+    pub x: &'a [X::Row],
+    pub unit: f64,
+}
+
+impl<R: Source, X: Shape, S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Judge<'_, R, X, S, W> {
     type Output = Norms;
 
     #[inline(always)]
     fn run<F: Features>(self) -> Norms {
-        let Self { matrix, rows, more, work, unit, pairs, keep, residual, other, solution } = self;
+        let Self { judged, x, unit } = self;
+        let Judged { isa, source, group, positions, matrix, first, more, step, step_unit, scale, next } =
+            judged;
+        let mut b = [W::Row::default(); CHUNK];
         let mut most = [W::Row::default(); 3];
-        for (i, row) in rows.enumerate() {
-            let mut product = matrix.product::<F, S, W>(i, work);
-            if let Some(more) = more.get(i) {
-                product = product.add(W::Vector::<F>::load(more));
-            }
-            let (mut left, mut step, mut sum) = (W::Row::default(), W::Row::default(), W::Row::default());
-            W::Vector::<F>::load(&residual[row]).sub_scaled(unit, product).store(&mut left);
-            let last = scaled::<F, S, W>(&work[row], unit);
-            last.store(&mut step);
-            before::<F, S, W>(pairs, row, other, unit, solution).add(last).store(&mut sum);
-            keep_largest::<W>(&mut most[0], &left);
-            keep_largest::<W>(&mut most[1], &sum);
-            keep_largest::<W>(&mut most[2], &step);
-            if let Some(scale) = keep {
-                residual[row] = left;
-                other[row] = narrow::<S, W>(&left, scale);
-                if pairs > 1 {
-                    solution[row] = sum;
+        for from in (0..positions.len()).step_by(CHUNK) {
+            let b = &mut b[..CHUNK.min(positions.len() - from)];
+            let start = positions.start + from;
+            source.load::<W>(isa, start..start + b.len(), group, 1.0, b);
+            for (i, b) in (from..).zip(&*b) {
+                let mut product = matrix.product::<F, X, W>(i, x);
+                if let Some(more) = more.get(i) {
+                    product = product.add(W::Vector::<F>::load(more));
                 }
+                let row = first + i;
+                let mut sizes = [W::Row::default(); 3];
+                W::Vector::<F>::load(b).sub_scaled(unit, product).store(&mut sizes[0]);
+                scaled::<F, X, W>(&x[row], unit).store(&mut sizes[1]);
+                scaled::<F, S, W>(&step[row], step_unit).store(&mut sizes[2]);
+                next[row] = narrow::<S, W>(&sizes[0], scale);
+                keep_largest::<W>(&mut most[0], &sizes[0]);
+                keep_largest::<W>(&mut most[1], &sizes[1]);
+                keep_largest::<W>(&mut most[2], &sizes[2]);
             }
         }
         let mut norms = Norms::default();
-        for c in 0..W::K {
-            norms.residual[c] = most[0].as_ref()[c];
-            norms.solution[c] = most[1].as_ref()[c];
-            norms.step[c] = most[2].as_ref()[c];
-        }
+        keep::<W>(&mut norms.residual, &most[0]);
+        keep::<W>(&mut norms.solution, &most[1]);
+        keep::<W>(&mut norms.step, &most[2]);
         norms
     }
 }
 
-/// sums\[i\] := the solution in local row first + i after the pair of this number.
+/// Sums := the solution after the pair of this number, from local row `first` on; norms := its largest absolute values and
+/// those of the last step.
 pub struct Sum<'a, S: Shape, W: Shape> {
     pub first: usize,
     pub work: &'a [S::Row],
     pub unit: f64,
     pub pairs: u32,
+    /// The first step, for the second pair.
     pub other: &'a [S::Row],
+    /// The sum of the steps before, for later pairs.
     pub solution: &'a [W::Row],
     pub sums: &'a mut [W::Row],
+    pub norms: &'a mut Norms,
 }
 
 impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Sum<'_, S, W> {
@@ -119,29 +118,31 @@ impl<S: Shape<T = f32>, W: Shape<T = f64>> Kernel for Sum<'_, S, W> {
 
     #[inline(always)]
     fn run<F: Features>(self) {
-        let Self { first, work, unit, pairs, other, solution, sums } = self;
+        let Self { first, work, unit, pairs, other, solution, sums, norms } = self;
+        let mut most = [W::Row::default(); 2];
         for (i, sum) in sums.iter_mut().enumerate() {
             let row = first + i;
             let last = scaled::<F, S, W>(&work[row], unit);
-            before::<F, S, W>(pairs, row, other, unit, solution).add(last).store(sum);
+            let before = if pairs == 2 {
+                scaled::<F, S, W>(&other[row], unit)
+            } else {
+                W::Vector::<F>::load(&solution[row])
+            };
+            before.add(last).store(sum);
+            let mut step = W::Row::default();
+            last.store(&mut step);
+            keep_largest::<W>(&mut most[0], sum);
+            keep_largest::<W>(&mut most[1], &step);
         }
+        keep::<W>(&mut norms.solution, &most[0]);
+        keep::<W>(&mut norms.step, &most[1]);
     }
 }
 
-/// The sum of the steps before the pair of this number.
+/// all := max(all, most) in the lanes of `most`.
 #[inline(always)]
-fn before<F: Features, S: Shape<T = f32>, W: Shape<T = f64>>(
-    pairs: u32,
-    row: usize,
-    other: &[S::Row],
-    unit: f64,
-    solution: &[W::Row],
-) -> W::Vector<F> {
-    match pairs {
-        1 => W::Vector::<F>::zero(),
-        2 => scaled::<F, S, W>(&other[row], unit),
-        _ => W::Vector::<F>::load(&solution[row]),
-    }
+fn keep<W: Shape<T = f64>>(all: &mut [f64; 8], most: &W::Row) {
+    all.iter_mut().zip(most.as_ref()).for_each(|(all, &most)| *all = all.max(most));
 }
 
 /// most := max(most, |row|) in every lane: one instruction each. A NaN is passed over; the store of the solution sees it.
@@ -155,15 +156,15 @@ fn keep_largest<W: Shape<T = f64>>(most: &mut W::Row, row: &W::Row) {
 
 /// unit * row in f64.
 #[inline(always)]
-fn scaled<F: Features, S: Shape<T = f32>, W: Shape<T = f64>>(row: &S::Row, unit: f64) -> W::Vector<F> {
-    W::Vector::<F>::zero().add_scaled(unit, W::Vector::<F>::load(&widen::<S, W>(row)))
+fn scaled<F: Features, X: Shape, W: Shape<T = f64>>(row: &X::Row, unit: f64) -> W::Vector<F> {
+    W::Vector::<F>::zero().add_scaled(unit, W::Vector::<F>::load(&widen::<X, W>(row)))
 }
 
 /// The row in f64.
 #[inline(always)]
-pub fn widen<S: Shape<T = f32>, W: Shape<T = f64>>(row: &S::Row) -> W::Row {
+pub fn widen<X: Shape, W: Shape<T = f64>>(row: &X::Row) -> W::Row {
     let mut out = W::Row::default();
-    for c in 0..S::K {
+    for c in 0..X::K {
         out.as_mut()[c] = row.as_ref()[c].to_f64();
     }
     out

@@ -1,16 +1,17 @@
 //! `mixed`: a factor stored in f32, refined with residuals in f64 (J. H. Wilkinson, "Rounding Errors in Algebraic
 //! Processes", 1963, section 3.4).
 //!
-//! Every pair of sweeps solves for the residual of the last one, so each gains the digits of the first: about five. The
-//! residual is kept, not recomputed: r -= A d with the step d exact in f64, which costs one product and no copy of b.
+//! Every pair of sweeps solves for the residual of the last one, so each gains the digits of the first: about five.
 //!
-//! Two pairs are the rule, and for them no vector of f64 but the residual is written: the solution is the sum of two steps
-//! in f32, formed where it is stored, and the product after the second pair only judges it.
-use super::engine::{Engine, groups, power_of_two};
+//! Two pairs are the rule, and for them no vector of f64 is kept: the residual b - A d is formed row by row from b, gathered
+//! anew, and the step d, and rounded at once; the solution is the sum of two steps in f32, formed where it is stored. The residual that the second pair leaves is not computed but bounded: both pairs use
+//! one factor, so the backward error of the first, which its residual shows, holds for the second as well. Only where that
+//! bound does not reach is there another product, and by it a third pair.
+use super::engine::{Engine, load, power_of_two};
 use super::gather::{Group, Output, Scatter, Source};
 use super::method::{Answer, Method, Plan};
 use super::panels::Reach;
-use super::passes::{Judge, Product, Round, Sum};
+use super::passes::{CHUNK, Judge, Judged, Product, Sum};
 use super::rows::Rows;
 use super::sweep::{Backward, Forward, accumulate};
 use super::symbolic::{Part, Symbolic};
@@ -20,30 +21,32 @@ use crate::error::PrepareError;
 use crate::isa::Isa;
 use crate::lanes::{F32x4, F32x8, F64x4, F64x8, Shape};
 use crate::ordering::inverse;
+use crate::registry::Precision;
 use crate::team::Team;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Most sweep pairs of a solve.
 const MOST_PAIRS: u32 = 4;
 /// Backward error at which refinement stops, where the class promises 5e-12. It is counted in the largest diagonal entry of
 /// A; for a Laplacian the norm is twice that or more, so the true one is at most half as large.
 const ENOUGH: f64 = 4e-12;
+/// How much more than the first sweep pair a later one may lose. On nine meshes of 14 to 871 thousand triangles and four
+/// workloads it lost up to 7.8 times as much, mostly once to twice.
+const CAUTION: f64 = 16.0;
 /// Relative size that the error after the last pair may have, estimated as the last step times the contraction seen: a
-/// quarter of what the class promises (2e-9).
-const SMALL: f64 = 5e-10;
+/// twentieth of what the class promises, for the next contraction can be worse (four times as bad was seen). Two pairs stay
+/// below 3e-11 on scans of 14 to 306 thousand triangles.
+const SMALL: f64 = 1e-10;
 /// Largest values of a right-hand side that is swept as it is. All residuals of a solve are scaled like the first, and the
 /// fourth is 1e-15 of it: still far from where f32 loses digits, at 1e-38.
 const COMFORTABLE: Range<f64> = 1e-8..1e8;
-/// Rows that are converted together, in the first-level cache.
-const CHUNK: usize = 512;
 
 /// What a thread keeps for the refinement.
 pub struct Refinement {
-    /// b, then b - A x: own pivots; thread 0: also the rows of the top.
-    residual: Aligned<f64>,
     /// The step before the last one, by local row as the slab. Holds the residual to sweep next while it is formed.
     other: Aligned<f32>,
-    /// The sum of all steps but the last, from the third pair on.
+    /// The sum of the steps, from the residual after the second pair on, by local row.
     solution: Aligned<f64>,
     /// (A d)_i from the thread's own columns, for the rows of the top; longer for narrow groups, like all buffers.
     partial: Aligned<f64>,
@@ -77,6 +80,22 @@ impl Norms {
         self
     }
 
+    /// Backward error of every column: residual / (norm * solution + right-hand side).
+    fn backward_error(&self, norm: f64, right_hand_side: &[f64; 8]) -> [f64; 8] {
+        std::array::from_fn(|c| {
+            let size = norm * self.solution[c] + right_hand_side[c];
+            if size > 0.0 { self.residual[c] / size } else { 0.0 }
+        })
+    }
+
+    /// The residual that a pair leaves which loses as much as the first: a sweep pair solves A d = r with the backward error
+    /// `loss`, whatever r is, within [`CAUTION`].
+    fn expect_residual(&mut self, before: &Self, norm: f64, loss: &[f64; 8]) {
+        for c in 0..8 {
+            self.residual[c] = CAUTION * loss[c] * (norm * self.step[c] + before.residual[c]);
+        }
+    }
+
     /// Whether every column is good enough, given the norms before the last pair, the norm of A and that of the right-hand
     /// side.
     fn suffice(&self, before: &Self, norm: f64, right_hand_side: &[f64; 8]) -> bool {
@@ -96,6 +115,8 @@ fn larger(a: f64, b: f64) -> f64 {
 }
 
 impl Method for Refined {
+    const PRECISION: Precision = Precision::Mixed;
+
     fn new(plan: Plan<'_>) -> Result<Self, PrepareError> {
         let lanes = plan.lanes();
         let position = inverse(&plan.symbolic.order);
@@ -105,7 +126,6 @@ impl Method for Refined {
         let top = (matrices.len() > threads).then(|| matrices.pop()).flatten();
         let mut matrices = matrices.into_iter();
         let extra = |part: &Part| Refinement {
-            residual: Aligned::new(lanes * part.slab as usize),
             other: Aligned::new(lanes * part.slab as usize),
             solution: Aligned::new(lanes * part.slab as usize),
             partial: Aligned::new(lanes * (part.slab as usize - part.pivots())),
@@ -127,24 +147,26 @@ impl Method for Refined {
         Ok(())
     }
 
-    fn solve(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, k: usize) -> Answer {
-        let mut answer = Answer { finite: true, pairs: Some(0) };
-        for group in groups(k, self.engine.widest()) {
-            let (finite, pairs) = if group.count > 4 {
-                self.refine::<F32x8, F64x8>(source, rows, x, group)
-            } else {
-                self.refine::<F32x4, F64x4>(source, rows, x, group)
-            };
-            answer.finite &= finite;
-            answer.pairs = answer.pairs.max(Some(pairs));
+    fn widest(&self) -> usize {
+        self.engine.widest()
+    }
+
+    fn order(&self) -> Arc<[u32]> {
+        Arc::clone(&self.engine.symbolic.order)
+    }
+
+    fn group(&mut self, source: &impl Source, rows: &[u32], x: &Output<'_>, group: Group) -> Answer {
+        if group.count > 4 {
+            self.refine::<F32x8, F64x8>(source, rows, x, group)
+        } else {
+            self.refine::<F32x4, F64x4>(source, rows, x, group)
         }
-        answer
     }
 
     fn footprint(&self) -> Footprint {
         let mut footprint = self.engine.footprint();
         let extras = || self.engine.shares.iter().map(|s| &s.extra);
-        let numbers = |e: &Refinement| 8 * (e.residual.len() + e.solution.len() + e.partial.len());
+        let numbers = |e: &Refinement| 8 * (e.solution.len() + e.partial.len());
         let vectors: usize = extras().map(|e| numbers(e) + 4 * e.other.len()).sum();
         let matrices = || extras().map(|e| &e.matrix).chain(&self.top);
         let held = vectors as u64 + matrices().map(Rows::bytes).sum::<u64>();
@@ -165,75 +187,50 @@ impl Method for Refined {
 }
 
 impl Refined {
-    /// A group of columns. Returns whether the solution is finite, and the number of sweep pairs.
+    /// A group of columns.
     fn refine<S: Shape<T = f32>, W: Shape<T = f64>>(
         &mut self,
         source: &impl Source,
         rows: &[u32],
         x: &Output<'_>,
         group: Group,
-    ) -> (bool, u32) {
-        let right_hand_side = self.load::<S, W>(source, group);
+    ) -> Answer {
+        let right_hand_side = self.load::<S>(source, group, 1.0);
         let largest = right_hand_side.iter().copied().fold(0.0, larger);
         let scale = if COMFORTABLE.contains(&largest) { 1.0 } else { 1.0 / power_of_two(largest) };
         if scale != 1.0 {
-            self.round::<S, W>(scale);
+            self.load::<S>(source, group, scale);
         }
         let step = self.engine.scale / scale;
         self.pair::<S>(|part| source.active(part));
-        let mut norms = self.judge::<S, W>(1, step, Some(scale));
+        let mut before = self.judge::<S, W>(source, group, 1, step, scale);
+        let loss = before.backward_error(self.norm, &right_hand_side);
         for pairs in 2.. {
             // Residuals are dense, whatever the right-hand side was.
             self.pair::<S>(|_| None);
-            let before = norms;
-            norms = self.judge::<S, W>(pairs, step, None);
+            let (finite, mut norms) = self.store::<S, W>(pairs, step, rows, x, group);
+            norms.expect_residual(&before, self.norm, &loss);
             if pairs == MOST_PAIRS || norms.suffice(&before, self.norm, &right_hand_side) {
-                return (self.store::<S, W>(pairs, step, rows, x, group), pairs);
+                return Answer { finite, pairs: Some(pairs) };
             }
-            self.judge::<S, W>(pairs, step, Some(scale));
+            norms = self.judge::<S, W>(source, group, pairs, step, scale);
+            if norms.suffice(&before, self.norm, &right_hand_side) {
+                return Answer { finite, pairs: Some(pairs) };
+            }
+            before = norms;
         }
         unreachable!("pairs are counted up to MOST_PAIRS")
     }
 
-    /// residual := b, and rounded to the slab. Returns max |b| in every lane.
-    fn load<S: Shape<T = f32>, W: Shape<T = f64>>(&mut self, source: &impl Source, group: Group) -> [f64; 8] {
+    /// The slab := `scale` times b, rounded. Returns max |b| in every lane.
+    fn load<S: Shape<T = f32>>(&mut self, source: &impl Source, group: Group, scale: f64) -> [f64; 8] {
         let Engine { isa, symbolic, shares, team, .. } = &mut self.engine;
         team.for_each(shares, |t, share| {
-            let part = &symbolic.parts[t];
-            let residual = &mut W::rows(&mut share.extra.residual)[..part.slab as usize];
-            let work = &mut S::rows(&mut share.slab)[..part.slab as usize];
-            let (pivots, top) = residual.split_at_mut(part.pivots());
-            let (work, work_top) = work.split_at_mut(part.pivots());
-            let mut most = W::Row::default();
-            let mut load = |positions: Range<usize>, rows: &mut [W::Row], work: &mut [S::Row]| {
-                let chunks = rows.chunks_mut(CHUNK).zip(work.chunks_mut(CHUNK));
-                for (from, (rows, work)) in positions.step_by(CHUNK).zip(chunks) {
-                    source.load::<W>(*isa, from..from + rows.len(), group, 1.0, rows);
-                    isa.run(Round::<S, W> { residual: rows, scale: 1.0, work, most: &mut most });
-                }
-            };
-            load(symbolic.positions(t), pivots, work);
-            if t == 0 {
-                load(symbolic.top_positions(), top, work_top);
-            } else {
-                work_top.fill(S::Row::default());
-            }
-            share.extra.norms = Norms::default();
-            share.extra.norms.residual[..W::K].copy_from_slice(most.as_ref());
+            let work = S::rows(&mut share.slab);
+            let residual = load::<S>(*isa, symbolic, t, source, work, group, scale);
+            share.extra.norms = Norms { residual, ..Norms::default() };
         });
-        let norms = shares.iter().fold(Norms::default(), |all, share| all.join(&share.extra.norms));
-        norms.residual
-    }
-
-    /// The slab := `scale` times the residual.
-    fn round<S: Shape<T = f32>, W: Shape<T = f64>>(&mut self, scale: f64) {
-        let Engine { isa, symbolic, shares, team, .. } = &mut self.engine;
-        team.for_each(shares, |t, share| {
-            let rows = symbolic.own_rows(t);
-            let residual = &W::rows(&mut share.extra.residual)[..rows];
-            let work = &mut S::rows(&mut share.slab)[..rows];
-            isa.run(Round::<S, W> { residual, scale, work, most: &mut W::Row::default() });
-        });
+        shares.iter().fold(Norms::default(), |all, share| all.join(&share.extra.norms)).residual
     }
 
     /// One sweep pair on what the slabs hold.
@@ -253,78 +250,109 @@ impl Refined {
     }
 
     /// Residual, solution and step after the pair of this number, whose result the slabs hold in units of `unit`: their
-    /// norms. With a scale the residual is also kept, and becomes the next pair's right-hand side, times that scale.
+    /// norms. The residual, times `scale`, becomes the next pair's right-hand side.
     fn judge<S: Shape<T = f32>, W: Shape<T = f64>>(
         &mut self,
+        source: &impl Source,
+        group: Group,
         pairs: u32,
         unit: f64,
-        keep: Option<f64>,
+        scale: f64,
     ) -> Norms {
+        if pairs > 1 {
+            self.add_step(pairs, unit);
+        }
         let Engine { isa, symbolic, shares, team, .. } = &mut self.engine;
         team.for_each(shares, |t, share| {
-            let pivots = symbolic.parts[t].pivots();
-            let work = &*S::rows(&mut share.slab);
-            let Refinement { residual, other, solution, partial, matrix, norms } = &mut share.extra;
+            let (pivots, slab) = (symbolic.parts[t].pivots(), symbolic.parts[t].slab as usize);
+            let step = &*S::rows(&mut share.slab);
+            let Refinement { other, solution, partial, matrix, norms } = &mut share.extra;
+            let (matrix, solution) = (&*matrix, &*W::rows(solution));
             // Buffers are made for the widest group and have more rows for a narrow one.
-            let out = &mut W::rows(partial)[..symbolic.parts[t].slab as usize - pivots];
-            isa.run(Product::<S, W> { matrix, first: pivots, work, out });
-            *norms = isa.run(Judge::<S, W> {
+            let out = &mut W::rows(partial)[..slab - pivots];
+            let judged = Judged {
+                isa: *isa,
+                source,
+                group,
+                positions: symbolic.positions(t),
                 matrix,
-                rows: 0..pivots,
+                first: 0,
                 more: &[],
-                work,
-                unit,
-                pairs,
-                keep,
-                residual: W::rows(residual),
-                other: S::rows(other),
-                solution: W::rows(solution),
-            });
+                step,
+                step_unit: unit,
+                scale,
+                next: S::rows(other),
+            };
+            *norms = if pairs == 1 {
+                isa.run(Product::<S, W> { matrix, first: pivots, x: step, out });
+                isa.run(Judge::<_, S, S, W> { judged, x: step, unit })
+            } else {
+                isa.run(Product::<W, W> { matrix, first: pivots, x: solution, out });
+                isa.run(Judge::<_, W, S, W> { judged, x: solution, unit: 1.0 })
+            };
         });
-        let norms = self.judge_top::<S, W>(pairs, unit, keep);
-        if keep.is_some() {
-            let Engine { symbolic, shares, .. } = &mut self.engine;
-            for (t, share) in shares.iter_mut().enumerate() {
-                std::mem::swap(&mut share.slab, &mut share.extra.other);
-                S::rows(&mut share.slab)[symbolic.own_rows(t)..].fill(S::Row::default());
-            }
+        let norms = self.judge_top::<S, W>(source, group, pairs, unit, scale);
+        let Engine { symbolic, shares, .. } = &mut self.engine;
+        for (t, share) in shares.iter_mut().enumerate() {
+            std::mem::swap(&mut share.slab, &mut share.extra.other);
+            S::rows(&mut share.slab)[symbolic.own_rows(t)..].fill(S::Row::default());
         }
         norms
+    }
+
+    /// solution := the sum of the steps after the pair of this number.
+    fn add_step(&mut self, pairs: u32, unit: f64) {
+        let Engine { shares, team, .. } = &mut self.engine;
+        team.for_each(shares, |_, share| {
+            let Refinement { other, solution, .. } = &mut share.extra;
+            for (x, (step, first)) in solution.iter_mut().zip(share.slab.iter().zip(other.iter())) {
+                let before = if pairs == 2 { unit * f64::from(*first) } else { *x };
+                *x = before + unit * f64::from(*step);
+            }
+        });
     }
 
     /// Finishes what [`judge`](Self::judge) began: sums up the threads' shares of the top's rows, adds the top's own
     /// entries. Returns the norms over all rows.
     fn judge_top<S: Shape<T = f32>, W: Shape<T = f64>>(
         &mut self,
+        source: &impl Source,
+        group: Group,
         pairs: u32,
         unit: f64,
-        keep: Option<f64>,
+        scale: f64,
     ) -> Norms {
         let Engine { isa, symbolic, shares, .. } = &mut self.engine;
         let norms = shares.iter().fold(Norms::default(), |all, share| all.join(&share.extra.norms));
         let Some(matrix) = &self.top else { return norms };
         let (first, others) = shares.split_first_mut().expect("at least one thread");
-        let work = &*S::rows(&mut first.slab);
-        let Refinement { residual, other, solution, partial, .. } = &mut first.extra;
-        let partial = W::rows(partial);
+        let step = &*S::rows(&mut first.slab);
+        let Refinement { other, solution, partial, .. } = &mut first.extra;
+        let (partial, solution) = (W::rows(partial), &*W::rows(solution));
         for share in others {
             accumulate::<W>(partial, W::rows(&mut share.extra.partial));
         }
-        norms.join(&isa.run(Judge::<S, W> {
+        let judged = Judged {
+            isa: *isa,
+            source,
+            group,
+            positions: symbolic.top_positions(),
             matrix,
-            rows: symbolic.parts[0].pivots()..symbolic.parts[0].slab as usize,
+            first: symbolic.parts[0].pivots(),
             more: partial,
-            work,
-            unit,
-            pairs,
-            keep,
-            residual: W::rows(residual),
-            other: S::rows(other),
-            solution: W::rows(solution),
-        }))
+            step,
+            step_unit: unit,
+            scale,
+            next: S::rows(other),
+        };
+        norms.join(&if pairs == 1 {
+            isa.run(Judge::<_, S, S, W> { judged, x: step, unit })
+        } else {
+            isa.run(Judge::<_, W, S, W> { judged, x: solution, unit: 1.0 })
+        })
     }
 
-    /// Stores the solution after the pair of this number. Returns whether it is finite.
+    /// Stores the solution after the pair of this number. Returns whether it is finite, and the norms of solution and step.
     fn store<S: Shape<T = f32>, W: Shape<T = f64>>(
         &mut self,
         pairs: u32,
@@ -332,29 +360,31 @@ impl Refined {
         rows: &[u32],
         x: &Output<'_>,
         group: Group,
-    ) -> bool {
+    ) -> (bool, Norms) {
         let Engine { isa, symbolic, shares, team, .. } = &mut self.engine;
         team.for_each(shares, |t, share| {
             let work = &*S::rows(&mut share.slab);
-            let Refinement { other, solution, .. } = &mut share.extra;
+            let Refinement { other, solution, norms, .. } = &mut share.extra;
             let (other, solution) = (&*S::rows(other), &*W::rows(solution));
             let mut sums = [W::Row::default(); CHUNK];
+            *norms = Norms::default();
             let mut put = |positions: Range<usize>, first: usize| {
                 let mut finite = true;
                 for from in positions.clone().step_by(CHUNK) {
                     let own = from..positions.end.min(from + CHUNK);
                     let first = first + (from - positions.start);
                     let sums = &mut sums[..own.len()];
-                    isa.run(Sum::<S, W> { first, work, unit, pairs, other, solution, sums });
+                    isa.run(Sum::<S, W> { first, work, unit, pairs, other, solution, sums, norms });
                     // SAFETY: `rows` names every row at most once, and every thread stores other positions.
-                    finite &= isa.run(unsafe { Scatter::<W>::new(&rows[own], x, group, 1.0, sums) });
+                    finite &= isa.run(unsafe { Scatter::<W>::new(&rows[own.start..], x, group, 1.0, sums) });
                 }
                 finite
             };
             share.seen.finite = put(symbolic.positions(t), 0)
                 && (t > 0 || put(symbolic.top_positions(), symbolic.parts[0].pivots()));
         });
-        shares.iter().all(|share| share.seen.finite)
+        let norms = shares.iter().fold(Norms::default(), |all, share| all.join(&share.extra.norms));
+        (shares.iter().all(|share| share.seen.finite), norms)
     }
 }
 

@@ -78,17 +78,13 @@ impl Rows {
             as u64
     }
 
-    /// Row `i` of the matrix times `work`. Per entry: 12 bytes of matrix, a row of `work`, one multiply-add of K lanes.
+    /// Row `i` of the matrix times `x`. Per entry: 12 bytes of matrix, a row of `x`, one multiply-add of K lanes.
     #[inline(always)]
-    pub fn product<F: Features, S: Shape<T = f32>, W: Shape<T = f64>>(
-        &self,
-        i: usize,
-        work: &[S::Row],
-    ) -> W::Vector<F> {
+    pub fn product<F: Features, X: Shape, W: Shape<T = f64>>(&self, i: usize, x: &[X::Row]) -> W::Vector<F> {
         let range = self.starts[i] as usize..self.starts[i + 1] as usize;
         let mut sum = W::Vector::<F>::zero();
         for (&column, &value) in self.columns[range.clone()].iter().zip(&self.values[range]) {
-            let row = widen::<S, W>(&work[column as usize]);
+            let row = widen::<X, W>(&x[column as usize]);
             sum = sum.add_scaled(value, W::Vector::<F>::load(&row));
         }
         sum

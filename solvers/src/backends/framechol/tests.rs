@@ -46,9 +46,9 @@ fn backend<M: Method>(isa: Isa, threads: usize) -> FrameChol<M> {
 fn backends(threads: usize) -> [(&'static str, Box<dyn Backend>); 3] {
     let isa = Isa::best();
     [
-        ("framechol-f64", Box::new(backend::<Careful>(isa, threads))),
+        ("framechol-f64", Box::new(backend::<Careful<Single<f64>>>(isa, threads))),
         ("framechol-f32", Box::new(backend::<Single<f32>>(isa, threads))),
-        ("framechol-mixed", Box::new(backend::<Refined>(isa, threads))),
+        ("framechol-mixed", Box::new(backend::<Careful<Refined>>(isa, threads))),
     ]
 }
 
@@ -165,7 +165,7 @@ fn instruction_sets_and_thread_counts_agree() {
             };
             let f64s = apart(solve(&backend::<Single<f64>>(isa, threads), &a, &b, 4));
             let f32s = apart(solve(&backend::<Single<f32>>(isa, threads), &a, &b, 4));
-            let mixed = apart(solve(&backend::<Refined>(isa, threads), &a, &b, 4));
+            let mixed = apart(solve(&backend::<Careful<Refined>>(isa, threads), &a, &b, 4));
             assert!(
                 f64s < 1e-12 && f32s < 1e-5 && mixed < 1e-9,
                 "{isa:?} {threads}: {f64s:e} {f32s:e} {mixed:e}"
