@@ -13,6 +13,7 @@ use lapsolve::mesh::TriangleMesh;
 use lapsolve::registry::{Entry, OpenOptions};
 use serde::Serialize;
 use std::path::Path;
+use std::time::Duration;
 
 /// Check backends against answers known on paper, against references, and on any mesh
 #[derive(Debug, clap::Args)]
@@ -29,6 +30,11 @@ pub struct Args {
     /// Relative residual asked of iterative backends
     #[arg(long, value_name = "TOL", default_value_t = lapsolve::limits::DEFAULT_TOLERANCE)]
     tol: f64,
+    /// Seconds that a backend's answers on one mesh may take before its other checks there are skipped; 0: no end
+    ///
+    /// An answer that was begun is waited for.
+    #[arg(long, value_name = "S", default_value_t = 120)]
+    patience: u32,
     /// Vertices along a side of the largest grid of the sine modes
     #[arg(long, value_name = "N", default_value_t = 257, value_parser = clap::value_parser!(u16).range(65..=2048))]
     grid: u16,
@@ -82,12 +88,19 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     }
     for name in &args.mesh {
         let mesh = mesh_source::load(name)?.mesh;
+        subjects.iter().for_each(Subject::rest);
         eprintln!("checking {} backends on {name}, {} triangles", subjects.len(), mesh.triangles().len());
         let short =
             Path::new(name).file_name().map_or(name.clone(), |file| file.to_string_lossy().into_owned());
         findings
             .all
             .extend(suite::of_mesh(&short, &mesh, &subjects, &Discretisation::TRUE, &context.backends).all);
+        for subject in subjects.iter().filter(|subject| subject.overspent().is_some()) {
+            eprintln!(
+                "{}: its answers took more than {} s; its other checks on {name} were skipped (--patience)",
+                subject.id, args.patience
+            );
+        }
         for against in &args.against {
             findings.about(&short, None);
             compare(*against, name, &mesh, &context.backends, &mut findings)?;
@@ -100,6 +113,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
 /// The backends to check; those that cannot be opened are an error where they were named, else a line on stderr.
 fn subjects(args: &Args, context: &Context) -> anyhow::Result<Vec<Subject>> {
     let options = OpenOptions { threads: 1, tolerance: args.tol, device: None };
+    let patience = (args.patience > 0).then(|| Duration::from_secs(args.patience.into()));
     let mut subjects = Vec::new();
     for entry in &context.backends {
         let named = args.backend.iter().any(|id| id == entry.id);
@@ -107,7 +121,10 @@ fn subjects(args: &Args, context: &Context) -> anyhow::Result<Vec<Subject>> {
             continue;
         }
         match Subject::open(entry, &options) {
-            Ok(subject) => subjects.push(subject),
+            Ok(mut subject) => {
+                subject.patience = patience;
+                subjects.push(subject);
+            }
             Err(why) if named => return Err(anyhow::anyhow!("{}: {why}", entry.id)),
             Err(why) => eprintln!("skipping {}: {why}", entry.id),
         }

@@ -55,24 +55,24 @@ fn poses(
 ) -> Result<(), NoAnswer> {
     let limit = subject.limits.arap;
     let problem = ArapProblem::new(mesh, handles, Weights::ClampedPerEdge)?;
-    let mut arap = Arap::prepare(&*subject.backend, &problem, &mut |_| {})?;
+    let mut arap = subject.ask(|| Ok(Arap::prepare(&*subject.backend, &problem, &mut |_| {})?))?;
     let used = used(mesh);
     let at = |pose: &[Vector]| -> Vec<Vector> { handles.iter().map(|&v| pose[v as usize]).collect() };
     let mut x = mesh.positions().to_vec();
-    arap.solve(&at(mesh.positions()), 2, &mut x)?;
+    subject.ask(|| Ok(arap.solve(&at(mesh.positions()), 2, &mut x)?))?;
     let off = distance(mesh, &used, &x, mesh.positions());
     findings.at_most(Level::Behaviour, "arap, identity", off, limit, "of the diagonal");
 
     let shift = [0.7, -0.4, 0.2].map(|t| t * mesh.diagonal());
     let moved: Vec<Vector> = mesh.positions().iter().map(|&p| add(p, shift)).collect();
-    arap.solve(&at(&moved), 2, &mut x)?;
+    subject.ask(|| Ok(arap.solve(&at(&moved), 2, &mut x)?))?;
     let off = distance(mesh, &used, &x, &moved);
     findings.at_most(Level::Behaviour, "arap, translation", off, limit, "of the diagonal");
 
     let q = product(about_axis(1, 2.5), about_axis(0, 0.4));
     let turned: Vec<Vector> = mesh.positions().iter().map(|&p| add(rotate(q, p), shift)).collect();
     arap.resume(&at(&turned), &turned)?;
-    arap.iterate(2)?;
+    subject.ask(|| Ok(arap.iterate(2)?))?;
     arap.write(&mut x);
     let off = distance(mesh, &used, &x, &turned);
     findings.at_most(Level::Behaviour, "arap, a rigid pose is at rest", off, limit, "of the diagonal");
@@ -86,7 +86,7 @@ fn energy(arap: &mut Arap, subject: &Subject, findings: &mut Findings) -> Result
     let first = arap.energy();
     let (mut before, mut rise) = (first, 0.0_f64);
     for _ in 0..5 {
-        arap.iterate(1)?;
+        subject.ask(|| Ok(arap.iterate(1)?))?;
         let now = arap.energy();
         rise = if now.is_nan() { f64::INFINITY } else { rise.max(now - before) };
         before = now;

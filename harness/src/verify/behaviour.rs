@@ -181,13 +181,15 @@ impl<'a> Field<'a> {
         }
         let values = default_values(self.mesh, &self.fixed);
         let (n, g) = (self.l.n(), Columns::new(&values[..], self.fixed.len(), 4));
+        let problem = self.problem()?;
+        let options = PrepareOptions::columns(4);
         let mut handle =
-            subject.backend.prepare_harmonic(&self.problem()?, &PrepareOptions::columns(4), &mut |_| {})?;
+            subject.ask(|| Ok(subject.backend.prepare_harmonic(&problem, &options, &mut |_| {})?))?;
         let mut field = vec![0.0; 4 * n];
-        handle.solve(g, Columns::new(&mut field, n, 4))?;
-        handle.update_values(other.values(), &mut |_| {})?;
+        subject.ask(|| Ok(handle.solve(g, Columns::new(&mut field, n, 4))?))?;
+        subject.ask(|| Ok(handle.update_values(other.values(), &mut |_| {})?))?;
         field.fill(0.0);
-        handle.solve(g, Columns::new(&mut field, n, 4))?;
+        subject.ask(|| Ok(handle.solve(g, Columns::new(&mut field, n, 4))?))?;
         let fresh =
             Field { mesh: self.mesh, l: other, fixed: self.fixed.clone() }.solve(subject, &values, 4)?;
         let worst = largest_difference(&field, &fresh);
@@ -205,11 +207,13 @@ impl<'a> Field<'a> {
     fn repeatable(&self, subject: &Subject, findings: &mut Findings) -> Result<(), NoAnswer> {
         let values = default_values(self.mesh, &self.fixed);
         let (n, g) = (self.l.n(), Columns::new(&values[..], self.fixed.len(), 4));
+        let problem = self.problem()?;
+        let options = PrepareOptions::columns(4);
         let mut handle =
-            subject.backend.prepare_harmonic(&self.problem()?, &PrepareOptions::columns(4), &mut |_| {})?;
+            subject.ask(|| Ok(subject.backend.prepare_harmonic(&problem, &options, &mut |_| {})?))?;
         let mut fields = [vec![0.0; 4 * n], vec![0.0; 4 * n]];
         for field in &mut fields {
-            handle.solve(g, Columns::new(field, n, 4))?;
+            subject.ask(|| Ok(handle.solve(g, Columns::new(field, n, 4))?))?;
         }
         let worst = largest_difference(&fields[0], &fields[1]);
         findings.at_most(Level::Behaviour, "repeatable", worst, 0.0, "one handle, the same input twice");

@@ -62,7 +62,7 @@ fn poses(
 ) -> Result<Vec<Vector>, NoAnswer> {
     let mut frames = subject.transfer(problem)?;
     let mut target = vec![[f64::NAN; 3]; mesh.positions().len()];
-    frames.frame(mesh.positions(), &mut target)?;
+    subject.ask(|| Ok(frames.frame(mesh.positions(), &mut target)?))?;
     let identity = if subject.exact { 0.1 * subject.limits.transfer } else { subject.limits.transfer };
     let off = distance(mesh, &target, mesh.positions());
     findings.at_most(Level::Behaviour, "identity pose", off, identity, "of the diagonal");
@@ -71,7 +71,7 @@ fn poses(
         let q = product(about_axis(1, angle), about_axis(0, 0.4));
         let shift = scale(steps * mesh.diagonal(), [0.6, -0.8, 0.2]);
         let pose: Vec<Vector> = mesh.positions().iter().map(|&p| add(rotate(q, p), shift)).collect();
-        frames.frame(&pose, &mut target)?;
+        subject.ask(|| Ok(frames.frame(&pose, &mut target)?))?;
         let stay = problem.pieces().unreferenced();
         let mut expected = pose;
         stay.iter().for_each(|&v| expected[v as usize] = mesh.positions()[v as usize]);
@@ -80,7 +80,7 @@ fn poses(
     findings.at_most(Level::Behaviour, "rigid motion", worst, subject.limits.transfer, "of the diagonal");
     let mut pose = mesh.positions().to_vec();
     Twist::of(mesh).frame(EXTREME_FRAME, &mut pose);
-    frames.frame(&pose, &mut target)?;
+    subject.ask(|| Ok(frames.frame(&pose, &mut target)?))?;
     right_hand_side(frames.trace().map(|t| t.rhs), subject, findings);
     let twisted = target.clone();
     for axis in 0..3 {
@@ -103,7 +103,7 @@ fn half_turn(
     let q = about_axis(axis, std::f64::consts::PI);
     let turned: Vec<Vector> = pose.iter().map(|&p| rotate(q, p)).collect();
     let mut target = vec![[f64::NAN; 3]; answer.len()];
-    frames.frame(&turned, &mut target)?;
+    subject.ask(|| Ok(frames.frame(&turned, &mut target)?))?;
     let mut expected: Vec<Vector> = answer.iter().map(|&p| rotate(q, p)).collect();
     problem.pieces().unreferenced().iter().for_each(|&v| expected[v as usize] = mesh.positions()[v as usize]);
     let off = distance(mesh, &target, &expected);

@@ -13,6 +13,8 @@ use lapsolve::registry::{Accuracy, Entry, OpenOptions, Precision};
 use lapsolve::sparse::SymmetricCsr;
 use lapsolve::system::System;
 use lapsolve::workload::transfer::{self, TransferError, TransferProblem};
+use std::cell::Cell;
+use std::time::{Duration, Instant};
 
 /// From meshes to matrices. The functions of lapsolve, or broken ones that the checks must notice.
 #[derive(Clone, Copy)]
@@ -65,6 +67,10 @@ pub struct Subject {
     pub backend: Box<dyn Backend>,
     /// What feeds it.
     pub discretisation: Discretisation,
+    /// How long it may take for its answers on one mesh; without it as long as it likes.
+    pub patience: Option<Duration>,
+    /// How long it has taken so far.
+    pub(super) spent: Cell<Duration>,
 }
 
 /// Why there is no answer.
@@ -137,7 +143,36 @@ impl Subject {
             max_unknowns: entry.max_unknowns,
             backend: (entry.open)(options)?,
             discretisation: Discretisation::TRUE,
+            patience: None,
+            spent: Cell::default(),
         })
+    }
+
+    /// Another mesh: its patience starts anew.
+    pub fn rest(&self) {
+        self.spent.set(Duration::ZERO);
+    }
+
+    /// The patience, where it is used up.
+    pub fn overspent(&self) -> Option<Duration> {
+        self.patience.filter(|patience| self.spent.get() > *patience)
+    }
+
+    /// The answer of `work`, unless earlier ones took all the patience: then the check is skipped and says so.
+    ///
+    /// # Errors
+    /// [`NoAnswer`].
+    pub fn ask<R>(&self, work: impl FnOnce() -> Result<R, NoAnswer>) -> Result<R, NoAnswer> {
+        if let Some(patience) = self.overspent() {
+            let seconds = patience.as_secs();
+            return Err(NoAnswer::Unsupported(format!(
+                "not asked: its answers on this mesh took more than {seconds} s (--patience)"
+            )));
+        }
+        let start = Instant::now();
+        let answer = work();
+        self.spent.set(self.spent.get() + start.elapsed());
+        answer
     }
 
     /// L of `mesh`.
@@ -155,10 +190,12 @@ impl Subject {
     /// # Errors
     /// [`NoAnswer`].
     pub fn solve(&self, system: &System, rhs: Columns<&[f64]>) -> Result<Vec<f64>, NoAnswer> {
-        let mut factor = self.backend.prepare(system, &PrepareOptions::columns(rhs.k()), &mut |_| {})?;
-        let mut x = vec![0.0; rhs.n() * rhs.k()];
-        factor.solve(rhs, Columns::new(&mut x, rhs.n(), rhs.k()))?;
-        Ok(x)
+        self.ask(|| {
+            let mut factor = self.backend.prepare(system, &PrepareOptions::columns(rhs.k()), &mut |_| {})?;
+            let mut x = vec![0.0; rhs.n() * rhs.k()];
+            factor.solve(rhs, Columns::new(&mut x, rhs.n(), rhs.k()))?;
+            Ok(x)
+        })
     }
 
     /// The harmonic field of `values` (|C| x k) over all vertices.
@@ -166,11 +203,14 @@ impl Subject {
     /// # Errors
     /// [`NoAnswer`].
     pub fn harmonic(&self, problem: &Dirichlet, values: Columns<&[f64]>) -> Result<Vec<f64>, NoAnswer> {
-        let (n, k) = (problem.laplacian().n(), values.k());
-        let mut handle = self.backend.prepare_harmonic(problem, &PrepareOptions::columns(k), &mut |_| {})?;
-        let mut field = vec![0.0; n * k];
-        handle.solve(values, Columns::new(&mut field, n, k))?;
-        Ok(field)
+        self.ask(|| {
+            let (n, k) = (problem.laplacian().n(), values.k());
+            let mut handle =
+                self.backend.prepare_harmonic(problem, &PrepareOptions::columns(k), &mut |_| {})?;
+            let mut field = vec![0.0; n * k];
+            handle.solve(values, Columns::new(&mut field, n, k))?;
+            Ok(field)
+        })
     }
 
     /// Prepared frames of `problem`.
@@ -178,6 +218,33 @@ impl Subject {
     /// # Errors
     /// [`NoAnswer`].
     pub fn transfer(&self, problem: &TransferProblem) -> Result<Box<dyn TransferFrame>, NoAnswer> {
-        Ok(transfer::prepare(&*self.backend, problem, &PrepareOptions::columns(4), &mut |_| {})?)
+        self.ask(|| Ok(transfer::prepare(&*self.backend, problem, &PrepareOptions::columns(4), &mut |_| {})?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lapsolve::registry;
+
+    #[test]
+    fn a_backend_that_used_up_its_patience_is_not_asked_again_before_the_next_mesh() {
+        let entry = registry::find("faer-llt").expect("a built-in backend");
+        let mut subject = Subject::open(&entry, &OpenOptions::default()).expect("always there");
+        let slow = || {
+            std::thread::sleep(Duration::from_millis(2));
+            Ok(())
+        };
+        for _ in 0..2 {
+            assert_eq!(subject.ask(slow), Ok(()), "without end");
+        }
+        subject.patience = Some(Duration::from_millis(1));
+        subject.rest();
+        assert_eq!(subject.ask(slow), Ok(()), "an answer that was begun is waited for");
+        assert!(subject.overspent().is_some());
+        let refused = subject.ask(|| -> Result<(), NoAnswer> { unreachable!("must not be asked") });
+        assert!(matches!(refused, Err(NoAnswer::Unsupported(why)) if why.contains("--patience")));
+        subject.rest();
+        assert_eq!(subject.ask(slow), Ok(()), "another mesh");
     }
 }
