@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn a_backend_that_used_up_its_patience_is_not_asked_again_before_the_next_mesh() {
         let entry = registry::find("faer-llt").expect("a built-in backend");
-        let mut subject = Subject::open(&entry, &OpenOptions::default()).expect("always there");
+        let mut subject = Subject::open(entry, &OpenOptions::default()).expect("always there");
         let slow = || {
             std::thread::sleep(Duration::from_millis(2));
             Ok(())
