@@ -147,6 +147,7 @@ pub mod x86 {
             let y = &y[..m.len()];
             let (twos, last) = m.as_chunks::<2>();
             let (y_twos, y_last) = y.as_chunks::<2>();
+            // Odd pivots in sums of their own: with four registers the chain of dependent additions would set the pace.
             // SAFETY: see above.
             let mut odd = Self([unsafe { _mm256_setzero_ps() }; 4]);
             for (m, y) in twos.iter().zip(y_twos) {

@@ -13,6 +13,7 @@ pub(super) mod gather;
 mod harmonic;
 mod lu;
 mod method;
+mod norms;
 pub(super) mod numeric;
 mod panels;
 mod passes;

@@ -1,6 +1,6 @@
 //! The passes of a refinement over the rows of a slab, compiled for every instruction set.
 use super::gather::{Group, Source};
-use super::refine::Norms;
+use super::norms::Norms;
 use super::rows::Rows;
 use crate::isa::{Features, Isa, Kernel, Real};
 use crate::lanes::{Shape, Vector};

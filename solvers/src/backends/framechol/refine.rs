@@ -10,6 +10,7 @@
 use super::engine::{Engine, load, power_of_two};
 use super::gather::{Group, Output, Scatter, Source};
 use super::method::{Answer, Method, Plan};
+use super::norms::{Norms, larger};
 use super::panels::Reach;
 use super::passes::{CHUNK, Judge, Judged, Product, Sum};
 use super::rows::Rows;
@@ -28,16 +29,6 @@ use std::sync::Arc;
 
 /// Most sweep pairs of a solve.
 const MOST_PAIRS: u32 = 4;
-/// Backward error at which refinement stops, where the class promises 5e-12. It is counted in the largest diagonal entry of
-/// A; for a Laplacian the norm is twice that or more, so the true one is at most half as large.
-const ENOUGH: f64 = 4e-12;
-/// How much more than the first sweep pair a later one may lose. On nine meshes of 14 to 871 thousand triangles and four
-/// workloads it lost up to 7.8 times as much, mostly once to twice.
-const CAUTION: f64 = 16.0;
-/// Relative size that the error after the last pair may have, estimated as the last step times the contraction seen: a
-/// twentieth of what the class promises, for the next contraction can be worse (four times as bad was seen). Two pairs stay
-/// below 3e-11 on scans of 14 to 306 thousand triangles.
-const SMALL: f64 = 1e-10;
 /// Largest values of a right-hand side that is swept as it is. All residuals of a solve are scaled like the first, and the
 /// fourth is 1e-15 of it: still far from where f32 loses digits, at 1e-38.
 const COMFORTABLE: Range<f64> = 1e-8..1e8;
@@ -60,58 +51,6 @@ pub struct Refined {
     top: Option<Rows>,
     /// The largest diagonal entry of A: a lower bound of its norm.
     norm: f64,
-}
-
-/// Largest absolute values, lane by lane.
-#[derive(Clone, Copy, Default)]
-pub struct Norms {
-    pub residual: [f64; 8],
-    pub solution: [f64; 8],
-    pub step: [f64; 8],
-}
-
-impl Norms {
-    fn join(mut self, other: &Self) -> Self {
-        for c in 0..8 {
-            self.residual[c] = larger(self.residual[c], other.residual[c]);
-            self.solution[c] = larger(self.solution[c], other.solution[c]);
-            self.step[c] = larger(self.step[c], other.step[c]);
-        }
-        self
-    }
-
-    /// Backward error of every column: residual / (norm * solution + right-hand side).
-    fn backward_error(&self, norm: f64, right_hand_side: &[f64; 8]) -> [f64; 8] {
-        std::array::from_fn(|c| {
-            let size = norm * self.solution[c] + right_hand_side[c];
-            if size > 0.0 { self.residual[c] / size } else { 0.0 }
-        })
-    }
-
-    /// The residual that a pair leaves which loses as much as the first: a sweep pair solves A d = r with the backward error
-    /// `loss`, whatever r is, within [`CAUTION`].
-    fn expect_residual(&mut self, before: &Self, norm: f64, loss: &[f64; 8]) {
-        for c in 0..8 {
-            self.residual[c] = CAUTION * loss[c] * (norm * self.step[c] + before.residual[c]);
-        }
-    }
-
-    /// Whether every column is good enough, given the norms before the last pair, the norm of A and that of the right-hand
-    /// side.
-    fn suffice(&self, before: &Self, norm: f64, right_hand_side: &[f64; 8]) -> bool {
-        (0..8).all(|c| {
-            let (step, solution) = (self.step[c], self.solution[c]);
-            // The error left is about step * (step / step before).
-            self.residual[c] <= ENOUGH * (norm * solution + right_hand_side[c])
-                && step * step <= SMALL * solution * before.step[c]
-        })
-    }
-}
-
-/// The larger of the two; a NaN is larger than anything.
-#[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
-    if a >= b || a.is_nan() { a } else { b }
 }
 
 impl Method for Refined {
